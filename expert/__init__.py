@@ -1,0 +1,17 @@
+"""The expert: a finite-state machine with classical controllers, and the replay it fills."""
+
+from expert.fsm import ExpertConfig, ExpertDecision, FSMExpert
+from expert.lateral import LateralConfig
+from expert.longitudinal import LongitudinalConfig
+from expert.modes import Mode
+from expert.replay import ReplayBuffer
+
+__all__ = [
+    "ExpertConfig",
+    "ExpertDecision",
+    "FSMExpert",
+    "LateralConfig",
+    "LongitudinalConfig",
+    "Mode",
+    "ReplayBuffer",
+]

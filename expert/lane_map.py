@@ -1,0 +1,92 @@
+"""Where the LiDAR's points lie in the lanes ahead.
+
+A lane sensor's clothoid and a scan become, for each lane, the free distance ahead and whether
+something is beside the car.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shield import LaneEstimate
+
+Array = NDArray[np.float64]
+
+LIDAR_FORWARD = 3.6
+"""From the rear axle to the LiDAR in the front bumper [m]."""
+
+BEHIND, AHEAD = 2.0, 40.0
+"""Stretch of lane that the map covers, from the rear axle [m]."""
+
+
+@dataclass(frozen=True, slots=True)
+class LaneMap:
+    """Scan points in curvilinear coordinates of the home lane.
+
+    Attributes:
+        s: Distance along the lane from the front bumper (n,) [m].
+        d: Offset to the left of the home lane's centre (n,) [m].
+    """
+
+    s: Array
+    d: Array
+
+    @classmethod
+    def build(cls, scan: Array, lane: LaneEstimate, max_range: float) -> LaneMap:
+        """Place the points of a scan.
+
+        Args:
+            scan: Ranges (beams,) over 180 degrees, beam 0 at the right [m].
+            lane: Pose and clothoid of the home lane.
+            max_range: Reading of a beam that hit nothing [m].
+        """
+        ranges = np.asarray(scan, dtype=np.float64)
+        hit = np.isfinite(ranges) & (ranges < max_range - 0.5)
+        bearing = np.linspace(-0.5 * np.pi, 0.5 * np.pi, len(ranges))[hit]
+        points = ranges[hit, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        points[:, 0] += LIDAR_FORWARD
+        along = np.arange(-BEHIND, AHEAD + 1.0, 1.0)
+        heading = lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
+        step = np.stack([np.cos(heading), np.sin(heading)], axis=1)
+        centre = np.cumsum(step, axis=0) - 0.5 * step
+        foot = -lane.lateral_offset * np.array(
+            [np.sin(lane.heading_error), np.cos(lane.heading_error)]
+        )
+        centre += foot - centre[int(BEHIND)]
+        gap = points[:, None, :] - centre[None, :, :]
+        nearest = np.argmin(np.einsum("nmk,nmk->nm", gap, gap), axis=1)
+        rows = np.arange(len(points))
+        tangent, rest = step[nearest], gap[rows, nearest]
+        s = along[nearest] + np.einsum("nk,nk->n", tangent, rest)
+        d = tangent[:, 0] * rest[:, 1] - tangent[:, 1] * rest[:, 0]
+        return cls(s - LIDAR_FORWARD, d)
+
+    def gap(self, centre: float, half_width: float, start: float = 0.0) -> float:
+        """Free distance from the bumper in the strip around offset `centre` [m].
+
+        Args:
+            centre: Offset of the strip's middle [m].
+            half_width: Half of its width [m].
+            start: Points behind this distance from the bumper do not count [m].
+        """
+        return self._first(np.abs(self.d - centre) < half_width, start)
+
+    def gap_on_the_way(self, offset: float, goal: float, slope: float, half_width: float) -> float:
+        """Free distance from the bumper in what a lane change will sweep [m].
+
+        Args:
+            offset: Where the car is [m].
+            goal: Offset that it goes to [m].
+            slope: Sideways per forward movement, positive.
+            half_width: Half of the strip's width [m].
+        """
+        reach = slope * np.maximum(self.s, 0.0)
+        way = offset + np.clip(goal - offset, -reach, reach)
+        return self._first(np.abs(self.d - way) < half_width, 0.0)
+
+    def _first(self, inside: NDArray[np.bool_], start: float) -> float:
+        ahead = self.s[inside & (self.s > start)]
+        return float(ahead.min()) if ahead.size else float("inf")

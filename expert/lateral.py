@@ -1,0 +1,66 @@
+"""Steering: a cascade of offset, heading and curvature."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from shield import LaneEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class LateralConfig:
+    """Gains of the steering cascade; chosen by step responses of the kinematic bicycle.
+
+    Attributes:
+        offset_time: Time constant with which an offset is driven out [s].
+        heading_time: Time constant with which a heading error is driven out [s].
+        max_approach: Largest angle at which the lane's centre is approached [rad].
+        preview_time: Look-ahead of the curvature feed-forward [s].
+        min_speed: Below which the gains stop growing [m/s].
+    """
+
+    offset_time: float = 1.0
+    heading_time: float = 0.45
+    max_approach: float = 0.4
+    preview_time: float = 0.15
+    min_speed: float = 2.0
+
+    def __post_init__(self) -> None:
+        for name in ("offset_time", "heading_time", "max_approach", "min_speed"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+
+
+def steer(
+    config: LateralConfig,
+    lane: LaneEstimate,
+    target: float,
+    target_rate: float,
+    speed: float,
+    wheelbase: float,
+) -> float:
+    """Steering angle that brings the car to an offset and keeps it there [rad].
+
+    With e the offset error, r the rate of the wanted offset, psi the heading error and kappa the
+    previewed curvature:
+
+        psi_ref = sat((r - e / T_e) / v),  delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
+
+    so that e decays with T_e and psi with T_psi whatever the speed.
+
+    Args:
+        config: Gains.
+        lane: Estimated lane pose and curvature.
+        target: Wanted offset to the left of the home lane's centre [m].
+        target_rate: Speed at which that offset moves to the left [m/s].
+        speed: Forward speed [m/s].
+        wheelbase: [m]
+    """
+    v = max(speed, config.min_speed)
+    error = lane.lateral_offset - target
+    approach = math.atan2(target_rate - error / config.offset_time, v)
+    heading = max(-config.max_approach, min(config.max_approach, approach))
+    curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
+    turn = curvature + (heading - lane.heading_error) / (v * config.heading_time)
+    return math.atan(wheelbase * turn)

@@ -1,0 +1,55 @@
+"""Speed: cruise, slow down for bends, keep a distance in which the car can stop."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from shield import LaneEstimate
+
+
+@dataclass(frozen=True, slots=True)
+class LongitudinalConfig:
+    """How fast the expert drives.
+
+    Attributes:
+        cruise_speed: On a free straight [m/s].
+        lateral_acceleration: Comfortable in bends [m/s^2]; ISO 22179 suggests 2 to 2.5.
+        deceleration: Planned when something is ahead [m/s^2].
+        standoff: Distance to stop behind an obstacle [m].
+        creep_speed: At which the car still steers free of it inside that distance [m/s].
+        creep_gap: Distance at which it stands for good [m].
+        preview: Stretch of lane whose curvature counts [m].
+    """
+
+    cruise_speed: float = 8.0
+    lateral_acceleration: float = 2.0
+    deceleration: float = 2.0
+    standoff: float = 4.0
+    creep_speed: float = 0.8
+    creep_gap: float = 1.2
+    preview: float = 20.0
+
+    def __post_init__(self) -> None:
+        for name in ("cruise_speed", "lateral_acceleration", "deceleration", "standoff"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+
+
+def choose_speed(config: LongitudinalConfig, lane: LaneEstimate, gap: float) -> float:
+    """Speed set-point [m/s].
+
+        v = min(v_cruise, sqrt(a_lat / |kappa|), max(v_creep, sqrt(2 · a · (gap - standoff))))
+
+    and 0 once the gap is below `creep_gap`.
+
+    Args:
+        config: How fast the expert drives.
+        lane: Estimated lane pose and curvature.
+        gap: Free distance ahead in the lane that is being driven [m].
+    """
+    end = lane.curvature + lane.curvature_rate * config.preview
+    bend = max(abs(lane.curvature), abs(end), 1e-6)
+    stop = math.sqrt(2.0 * config.deceleration * max(0.0, gap - config.standoff))
+    stop = max(stop, config.creep_speed) if gap > config.creep_gap else 0.0
+    return min(config.cruise_speed, math.sqrt(config.lateral_acceleration / bend), stop)

@@ -1,0 +1,404 @@
+"""The experience buffer, one partition for each driving mode (paper: D_s, D_expert = union of D_s).
+
+| here | paper |
+|---|---|
+| `Transition` | (o_t, a_t^final, a_t^*, r_t) with s_FSM,t and the correction marker |
+| `Transition.label` | a_t^*, what behaviour cloning imitates |
+| `Transition.command` | the executed action, what the planner's chunks {a_t ... a_t+H-1} are made of |
+| `balanced=True` | sampling evenly across the FSM states |
+
+Storage is reserved at once but costs memory only as it fills: the pages of `np.zeros` are committed
+by the first write.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from expert.modes import Mode
+
+__all__ = ["ReplayBatch", "ReplayBuffer", "Transition"]
+
+Indices = NDArray[np.int64]
+
+SOURCES = ("all", "expert", "corrected")
+"""Whom a sample may come from: everyone, stretches that the expert drove, intervened steps."""
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One control step, as it is stored.
+
+    Attributes:
+        image: Camera frame (64, 64, 3), uint8.
+        lidar: Ranges (180,) [m].
+        speed: Measured speed (1,) [m/s].
+        context: The planner's conditioning vector (64,), normalised.
+        label: What the expert would do in this state, its set-point (2,), normalised.
+        command: What was executed (2,), normalised.
+        mode: FSM state of the expert.
+        episode: Number of the episode, never used twice.
+        step: Step within the episode.
+        reward: Environment reward of the step.
+        terminated: The step ended the episode (not by a time limit).
+        intervened: The planner acted on this step: the marker of experience correction.
+        expert_drove: `command` is the expert's.
+    """
+
+    image: NDArray[np.uint8]
+    lidar: NDArray[np.float32]
+    speed: NDArray[np.float32]
+    context: NDArray[np.float32]
+    label: NDArray[np.float32]
+    command: NDArray[np.float32]
+    mode: Mode
+    episode: int
+    step: int
+    reward: float
+    terminated: bool
+    intervened: bool
+    expert_drove: bool
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayBatch:
+    """B stored transitions (copies).
+
+    Attributes:
+        images: (B, 64, 64, 3) uint8.
+        lidar: (B, 180) [m].
+        speeds: (B, 1) [m/s].
+        labels: Expert set-points (B, 2), normalised.
+        commands: Executed commands (B, 2), normalised.
+        modes: (B,).
+        intervened: (B,).
+    """
+
+    images: NDArray[np.uint8]
+    lidar: NDArray[np.float32]
+    speeds: NDArray[np.float32]
+    labels: NDArray[np.float32]
+    commands: NDArray[np.float32]
+    modes: NDArray[np.int8]
+    intervened: NDArray[np.bool_]
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @classmethod
+    def join(cls, first: ReplayBatch, second: ReplayBatch) -> ReplayBatch:
+        """Both batches, one after the other."""
+        names = (entry.name for entry in fields(cls))
+        pairs = {name: (getattr(first, name), getattr(second, name)) for name in names}
+        return cls(**{name: np.concatenate(pair) for name, pair in pairs.items()})
+
+
+class ReplayBuffer:
+    """Transitions of all episodes, in partitions by FSM state.
+
+    When the buffer is full, the oldest transition of the fullest partition leaves, so that rare modes
+    stay. Every `held_out_every`-th episode is kept out of training, for validation; the split goes by
+    episode because neighbouring frames are nearly the same.
+
+    Args:
+        capacity: Transitions over all partitions (Table II: 50,000).
+        horizon: Length H of the planner's chunks (Table II: 8).
+        image_shape: Shape of a camera frame.
+        beams: LiDAR beams.
+        context_size: Entries of the planner's context.
+        held_out_every: One episode in so many is held out.
+
+    Raises:
+        ValueError: If a size is not positive or `held_out_every` is below 2.
+    """
+
+    def __init__(
+        self,
+        capacity: int = 50_000,
+        *,
+        horizon: int = 8,
+        image_shape: tuple[int, int, int] = (64, 64, 3),
+        beams: int = 180,
+        context_size: int = 64,
+        held_out_every: int = 10,
+    ) -> None:
+        for name, value, least in (
+            ("capacity", capacity, 1),
+            ("horizon", horizon, 1),
+            ("held_out_every", held_out_every, 2),
+        ):
+            if value < least:
+                raise ValueError(f"`{name}` must be at least {least}. Got {value}.")
+        self.capacity = capacity
+        self.horizon = horizon
+        self.held_out_every = held_out_every
+        self._data: dict[str, NDArray[Any]] = {
+            "image": np.zeros((capacity, *image_shape), np.uint8),
+            "lidar": np.zeros((capacity, beams), np.float32),
+            "speed": np.zeros((capacity, 1), np.float32),
+            "context": np.zeros((capacity, context_size), np.float32),
+            "label": np.zeros((capacity, 2), np.float32),
+            "command": np.zeros((capacity, 2), np.float32),
+            "mode": np.zeros(capacity, np.int8),
+            "episode": np.zeros(capacity, np.int64),
+            "step": np.zeros(capacity, np.int64),
+            "reward": np.zeros(capacity, np.float32),
+            "terminated": np.zeros(capacity, np.bool_),
+            "intervened": np.zeros(capacity, np.bool_),
+            "expert_drove": np.zeros(capacity, np.bool_),
+            "serial": np.zeros(capacity, np.int64),
+        }
+        self._following = np.full(capacity, -1, np.int64)
+        self._preceding = np.full(capacity, -1, np.int64)
+        self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
+        self._cache: dict[tuple[object, ...], list[Indices]] = {}
+        self._size = 0
+        self._latest = -1
+        self._counter = 0
+
+    def __len__(self) -> int:
+        return self._size
+
+    @property
+    def counter(self) -> int:
+        """Transitions ever added; the serial number of the next one."""
+        return self._counter
+
+    @property
+    def sizes(self) -> dict[Mode, int]:
+        """Transitions in each partition."""
+        return {mode: len(queue) for mode, queue in self._queues.items()}
+
+    def is_held_out(self, episode: int) -> bool:
+        """Whether an episode belongs to the validation split."""
+        return episode % self.held_out_every == 1
+
+    def add(self, transition: Transition) -> None:
+        """Store a transition, dropping the oldest of the fullest partition if there is no room.
+
+        Raises:
+            ValueError: If an array has another shape than the buffer's.
+        """
+        values: dict[str, Any] = {
+            name: getattr(transition, name) for name in self._data if name != "serial"
+        }
+        for name in ("image", "lidar", "speed", "context", "label", "command"):
+            expected, found = self._data[name].shape[1:], np.shape(values[name])
+            if found != expected:
+                raise ValueError(f"`{name}` must have shape {expected}. Got {found}.")
+        self._insert(values | {"serial": self._counter})
+
+    def sample(
+        self,
+        rng: np.random.Generator,
+        size: int,
+        *,
+        balanced: bool = True,
+        held_out: bool = False,
+        source: str = "all",
+    ) -> ReplayBatch:
+        """Draw transitions with replacement.
+
+        Args:
+            rng: Source of randomness.
+            size: Number B of transitions.
+            balanced: Evenly over the modes that have any; otherwise each transition is as likely.
+            held_out: Draw from the validation split.
+            source: "all", "expert" (the expert drove) or "corrected" (the planner intervened).
+
+        Raises:
+            ValueError: If nothing qualifies or `source` is unknown.
+        """
+        return self.gather(self._draw(rng, size, self._groups(source, held_out), balanced))
+
+    def chunks(
+        self,
+        rng: np.random.Generator,
+        size: int,
+        *,
+        balanced: bool = True,
+        held_out: bool = False,
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Draw stretches of consecutive commands that the expert executed.
+
+        Args:
+            rng: Source of randomness.
+            size: Number B of chunks.
+            balanced: Evenly over the modes of the first step.
+            held_out: Draw from the validation split.
+
+        Returns:
+            Contexts of the first steps (B, 64) and commands (B, H, 2), normalised.
+
+        Raises:
+            ValueError: If there is no stretch of H steps.
+        """
+        slots = self._draw(rng, size, self._groups("chunk", held_out), balanced)
+        steps = [slots]
+        for _ in range(self.horizon - 1):
+            steps.append(self._following[steps[-1]])
+        return self._data["context"][slots], self._data["command"][np.stack(steps, axis=1)]
+
+    def count(self, *, held_out: bool = False, source: str = "all") -> int:
+        """Transitions that `sample` would draw from ("chunk": stretches for `chunks`)."""
+        return sum(len(group) for group in self._groups(source, held_out))
+
+    def gather(self, slots: Indices) -> ReplayBatch:
+        """The transitions at the given places."""
+        data = self._data
+        return ReplayBatch(
+            images=data["image"][slots],
+            lidar=data["lidar"][slots],
+            speeds=data["speed"][slots],
+            labels=data["label"][slots],
+            commands=data["command"][slots],
+            modes=data["mode"][slots],
+            intervened=data["intervened"][slots],
+        )
+
+    def returns(self, gamma: float) -> tuple[Indices, NDArray[np.float32]]:
+        """Discounted return of the environment reward for everything stored.
+
+        Where a stretch stops without an end of the episode, the mean reward is taken to go on for ever.
+
+        Args:
+            gamma: Discount factor, below 1.
+
+        Returns:
+            Places for `gather` (N,) and returns (N,), newest first.
+
+        Raises:
+            ValueError: If `gamma` is not in [0, 1).
+        """
+        if not 0.0 <= gamma < 1.0:
+            raise ValueError(f"`gamma` must be in [0, 1). Got {gamma}.")
+        slots = self._in_order()[::-1]
+        rewards, terminated = self._data["reward"], self._data["terminated"]
+        tail = float(rewards[slots].mean()) / (1.0 - gamma) if len(slots) else 0.0
+        values = np.zeros(self.capacity, np.float64)
+        for slot in slots:
+            following = self._following[slot]
+            ahead = values[following] if following >= 0 else 0.0 if terminated[slot] else tail
+            values[slot] = rewards[slot] + gamma * ahead
+        return slots, values[slots].astype(np.float32)
+
+    def export_since(self, counter: int) -> dict[str, NDArray[Any]]:
+        """What was added since `counter` and is still here, oldest first, as arrays (N, ...)."""
+        slots = self._in_order()
+        slots = slots[self._data["serial"][slots] >= counter]
+        return {name: values[slots] for name, values in self._data.items()}
+
+    def live(self) -> Indices:
+        """Serial numbers of everything stored, oldest first."""
+        return self._data["serial"][self._in_order()]
+
+    def restore(
+        self, shards: Iterable[Mapping[str, NDArray[Any]]], live: Indices, counter: int
+    ) -> None:
+        """Become the buffer that wrote these exports: what it samples next is the same.
+
+        Args:
+            shards: Exports of `export_since`, oldest first.
+            live: That buffer's `live()`; what it had dropped is skipped.
+            counter: That buffer's `counter`.
+
+        Raises:
+            ValueError: If this buffer is not empty, or the shards do not hold all of `live`.
+        """
+        if self._size:
+            raise ValueError(f"`restore` needs an empty buffer. Got {self._size} transitions.")
+        for shard in shards:
+            for row in np.flatnonzero(np.isin(shard["serial"], live)):
+                self._insert({name: shard[name][row] for name in self._data})
+        if not np.array_equal(self.live(), live):
+            raise ValueError(f"`shards` hold {self._size} of the {len(live)} stored transitions.")
+        self._counter = counter
+
+    def _insert(self, values: Mapping[str, Any]) -> None:
+        mode = Mode(int(values["mode"]))
+        slot = self._evict() if self._size == self.capacity else self._size
+        for name, value in values.items():
+            self._data[name][slot] = value
+        self._queues[mode].append(slot)
+        self._link(slot)
+        self._size += 1
+        self._latest = slot
+        self._counter = int(values["serial"]) + 1
+        self._cache.clear()
+
+    def _link(self, slot: int) -> None:
+        episode, step, latest = self._data["episode"], self._data["step"], self._latest
+        joined = latest >= 0 and latest != slot
+        joined = joined and episode[latest] == episode[slot] and step[latest] + 1 == step[slot]
+        self._following[slot] = -1
+        self._preceding[slot] = latest if joined else -1
+        if joined:
+            self._following[latest] = slot
+
+    def _evict(self) -> int:
+        fullest = max(self._queues.values(), key=len)
+        slot = fullest.popleft()
+        before, after = self._preceding[slot], self._following[slot]
+        if before >= 0:
+            self._following[before] = -1
+        if after >= 0:
+            self._preceding[after] = -1
+        if slot == self._latest:
+            self._latest = -1
+        self._size -= 1
+        return slot
+
+    def _in_order(self) -> Indices:
+        slots = np.arange(self._size, dtype=np.int64)
+        return slots[np.argsort(self._data["serial"][: self._size], kind="stable")]
+
+    def _groups(self, source: str, held_out: bool) -> list[Indices]:
+        """Places that qualify, one array for each mode that has any (kept until the next `add`)."""
+        key = (source, held_out)
+        if key not in self._cache:
+            chosen = self._qualifies(source)
+            split = self._data["episode"][: self._size] % self.held_out_every == 1
+            chosen &= split if held_out else ~split
+            modes = self._data["mode"][: self._size]
+            order = self._in_order()
+            groups = [order[(chosen & (modes == mode))[order]] for mode in Mode]
+            self._cache[key] = [group for group in groups if len(group)]
+        return self._cache[key]
+
+    def _qualifies(self, source: str) -> NDArray[np.bool_]:
+        drove = self._data["expert_drove"][: self._size]
+        if source == "all":
+            return np.ones(self._size, np.bool_)
+        if source == "expert":
+            return drove.copy()
+        if source == "corrected":
+            return self._data["intervened"][: self._size].copy()
+        if source == "chunk":
+            qualifies, place = drove.copy(), np.arange(self._size, dtype=np.int64)
+            for _ in range(self.horizon - 1):
+                place = np.where(place >= 0, self._following[place], -1)
+                qualifies &= (place >= 0) & drove[place]
+            return qualifies
+        raise ValueError(f"`source` must be one of {SOURCES}. Got {source!r}.")
+
+    @staticmethod
+    def _draw(
+        rng: np.random.Generator, size: int, groups: list[Indices], balanced: bool
+    ) -> Indices:
+        if not groups:
+            raise ValueError("nothing stored qualifies for this sample.")
+        if not balanced:
+            everything = np.concatenate(groups)
+            return everything[rng.integers(len(everything), size=size)]
+        which = (np.arange(size) + rng.integers(len(groups))) % len(groups)
+        lengths = np.array([len(group) for group in groups])
+        within = (rng.random(size) * lengths[which]).astype(np.int64)
+        slots = np.concatenate(groups)
+        offsets = np.concatenate(([0], np.cumsum(lengths)[:-1]))
+        return slots[offsets[which] + within]

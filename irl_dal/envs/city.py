@@ -1,0 +1,338 @@
+"""The city: a gymnasium environment on PyBullet."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import gymnasium
+import numpy as np
+from gymnasium import spaces
+from numpy.typing import NDArray
+
+from irl_dal.envs.chase import chase_view
+from irl_dal.envs.lighting import draw_light
+from irl_dal.envs.reward import RewardConfig, Situation, driving_mode, reward_terms
+from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
+from irl_dal.envs.scenery import GRASS, Scenery
+from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
+from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
+from irl_dal.envs.vehicle import FRONT_BUMPER, Vehicle, VehicleState
+from irl_dal.envs.world import Illumination, World
+from shield import ActuatorLimits
+
+Array = NDArray[np.float64]
+Observation = dict[str, NDArray[Any]]
+Info = dict[str, Any]
+
+
+@dataclass(frozen=True, slots=True)
+class CityConfig:
+    """What the city is like.
+
+    Attributes:
+        difficulty: How much traffic: easy, paper or hard.
+        route_length: From start to goal [m].
+        min_radius: Smallest radius of the centre line [m].
+        max_radius: Largest radius of an arc [m].
+        min_brightness: Darkest light, 0 is a dark evening.
+        max_brightness: Brightest light, 1 is noon.
+        initial_speed: Speed at the start [m/s].
+        time_limit: After which an episode is truncated [s].
+        collision_distance: d_collision [m] (Table II).
+        obstacle_sight: Distance at which an obstacle changes the reward's mode [m].
+        image_size: Edge length of the camera image [px] (Table II).
+        image_noise: Standard deviation of a pixel's brightness [1/255].
+        lidar_beams: Number of beams over 180 degrees (Table II).
+        lidar_range: [m]
+        lidar_noise: Standard deviation of a reading [m].
+        lidar_dropout: Probability that a beam returns nothing.
+        lane_offset_noise: Standard deviation of the measured lateral offset [m].
+        lane_heading_noise: Standard deviation of the measured heading error [rad].
+        lane_dropout: Probability that the lane is not seen in a step.
+        reward: Weights of the reward terms.
+    """
+
+    difficulty: Literal["easy", "paper", "hard"] = "paper"
+    route_length: float = 250.0
+    min_radius: float = 32.0
+    max_radius: float = 150.0
+    min_brightness: float = 0.0
+    max_brightness: float = 1.0
+    initial_speed: float = 3.0
+    time_limit: float = 75.0
+    collision_distance: float = 1.0
+    obstacle_sight: float = 25.0
+    image_size: int = 64
+    image_noise: float = 2.0
+    lidar_beams: int = 180
+    lidar_range: float = 40.0
+    lidar_noise: float = 0.03
+    lidar_dropout: float = 0.01
+    lane_offset_noise: float = 0.06
+    lane_heading_noise: float = 0.01
+    lane_dropout: float = 0.02
+    reward: RewardConfig = field(default_factory=RewardConfig)
+
+    def __post_init__(self) -> None:
+        if self.difficulty not in DENSITY:
+            raise ValueError(
+                f"`difficulty` must be one of {sorted(DENSITY)}. Got {self.difficulty!r}."
+            )
+        for name in (
+            "route_length",
+            "min_radius",
+            "time_limit",
+            "lidar_range",
+            "image_size",
+            "lidar_beams",
+        ):
+            if not getattr(self, name) > 0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        for name in ("lidar_dropout", "lane_dropout", "min_brightness", "max_brightness"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"`{name}` must lie in [0, 1]. Got {getattr(self, name)}.")
+        for low, high in (("min_radius", "max_radius"), ("min_brightness", "max_brightness")):
+            if getattr(self, low) > getattr(self, high):
+                raise ValueError(
+                    f"`{low}` must not exceed `{high}`. "
+                    f"Got {getattr(self, low)} and {getattr(self, high)}."
+                )
+        if self.route_length < 80.0:
+            raise ValueError(f"`route_length` must be at least 80 m. Got {self.route_length}.")
+        if self.min_radius < 25.0:
+            raise ValueError(f"`min_radius` must be at least 25 m. Got {self.min_radius}.")
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything that a top view draws, in world coordinates.
+
+    Attributes:
+        road: The road.
+        obstacles: Everything on it.
+        vehicle: The ego car.
+        scan: Noise-free LiDAR ranges (beams,) [m].
+        angles: Bearings of the beams (beams,) [rad].
+    """
+
+    road: Road
+    obstacles: tuple[Obstacle, ...]
+    vehicle: VehicleState
+    scan: Array
+    angles: Array
+
+
+class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
+    """Drive to the goal: keep the lane, overtake what stands or crawls in it, touch nothing.
+
+    A curved road with two lanes each way, another one for every seed, in any light from bright
+    day to dark evening; standing cars and barrels, slow cars, oncoming cars. 10 Hz.
+
+    Actions, `Box(-1, 1, (2,), float32)`:
+
+    | index | meaning | -1 | +1 |
+    |---|---|---|---|
+    | 0 | steering angle [rad], positive left | `-max_steering` | `max_steering` |
+    | 1 | target speed [m/s] | `min_speed` | `max_speed` |
+
+    Observations, `Dict`:
+
+    | key | shape, type | meaning | unit |
+    |---|---|---|---|
+    | image | (64, 64, 3) uint8 | front camera, RGB | |
+    | lidar | (180,) float32 | ranges, beam 0 at the right, counter-clockwise | m |
+    | speed | (1,) float32 | forward speed | m/s |
+
+    Reward: sum of the terms in `info["reward_terms"]`, about 1 for a calm step, -20 for a
+    collision or for leaving the road, +20 for the goal.
+
+    Episode end: `terminated` on goal, collision (bodies touch in the physics engine, or the
+    clearance is below `collision_distance`) and off road (the rear axle's middle beyond the edge
+    line); `truncated` at the time limit.
+
+    Info: `reward_terms`, `success`, `collision`, `off_road`, `progress` [m], `goal_distance` [m],
+    `clearance` [m], `lateral_offset` [m], `heading_error` [rad], `pose` (x, y, yaw), `speed` [m/s],
+    `lateral_acceleration` [m/s^2]: the true state, for rewards and metrics; `lane_measurement`:
+    what the lane sensor saw (None where it saw nothing).
+
+    Args:
+        config: What the city is like.
+        limits: Actuator limits that the normalised action refers to.
+        render_mode: None or "rgb_array" (a chase view).
+    """
+
+    metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
+
+    def __init__(
+        self,
+        config: CityConfig | None = None,
+        limits: ActuatorLimits | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise ValueError(f"`render_mode` must be None or 'rgb_array'. Got {render_mode!r}.")
+        self.config = config or CityConfig()
+        self.limits = limits or ActuatorLimits()
+        self.render_mode = render_mode
+        size, beams = self.config.image_size, self.config.lidar_beams
+        self.observation_space = spaces.Dict(
+            {
+                "image": spaces.Box(0, 255, (size, size, 3), np.uint8),
+                "lidar": spaces.Box(0.0, self.config.lidar_range, (beams,), np.float32),
+                "speed": spaces.Box(-50.0, 50.0, (1,), np.float32),
+            }
+        )
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.camera_on = True
+        self._world = World()
+        self._lidar = Lidar(
+            self._world,
+            beams,
+            self.config.lidar_range,
+            self.config.lidar_noise,
+            self.config.lidar_dropout,
+        )
+        self._camera = Camera(self._world, size, self.config.image_noise)
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, Info]:
+        """Draw a new road, traffic and light and put the car at the start of its lane."""
+        super().reset(seed=seed)
+        config = self.config
+        layout, self._noise = self.np_random.spawn(2)
+        self._world.clear(GRASS)
+        self._road = Road.generate(
+            layout, config.route_length, config.min_radius, config.max_radius
+        )
+        self._scenery = Scenery(self._world, self._road, layout)
+        self._traffic = Traffic(self._world, self._road, DENSITY[config.difficulty], layout)
+        self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
+        self._lane_sensor = LaneSensor(
+            self._road, config.lane_offset_noise, config.lane_heading_noise, config.lane_dropout
+        )
+        self._vehicle = Vehicle(self._world)
+        x, y, yaw = self._road.pose(0.0, HOME_LANE)
+        self._vehicle.place(x, y, yaw, config.initial_speed)
+        self._time = 0.0
+        self._command: Array = np.array([0.0, config.initial_speed])
+        self._at = self._road.locate(x, y)
+        self._sense()
+        observation = self._observe()
+        return observation, self._info({}, collision=False, off_road=False, success=False)
+
+    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, Info]:
+        """Drive for one control period with a normalised action (2,)."""
+        wanted = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        return self.execute(self.limits.to_command(wanted))
+
+    def execute(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
+        """Drive for one control period with a command [rad, m/s] as the actuators get it."""
+        dt = self.limits.dt
+        before = self._command
+        self._command = np.array(command, dtype=np.float64)
+        self._traffic.step(dt, self._at)
+        self._vehicle.drive(float(self._command[0]), float(self._command[1]))
+        self._world.step(dt)
+        self._time += dt
+        self._sense()
+        touched = bool(self._world.touching(self._vehicle.body))
+        collision = touched or self._clearance < self.config.collision_distance
+        off_road = abs(self._at.d) > HALF_WIDTH
+        success = self._at.s >= self._road.length and not collision and not off_road
+        rate = float(self._command[0] - before[0]) / dt
+        terms = self._reward_terms(rate, collision=collision, off_road=off_road, success=success)
+        terminated = collision or off_road or success
+        truncated = not terminated and self._time >= self.config.time_limit - 0.5 * dt
+        info = self._info(terms, collision=collision, off_road=off_road, success=success)
+        return self._observe(), float(sum(terms.values())), terminated, truncated, info
+
+    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+        """The chase view (360, 640, 3) uint8, or None without a render mode."""
+        if self.render_mode is None:
+            return None
+        return chase_view(self._world, self._state, self._light)
+
+    def close(self) -> None:
+        """Leave the physics engine."""
+        self._world.close()
+
+    def scene(self) -> Scene:
+        """What a top view of this moment draws."""
+        return Scene(
+            self._road,
+            tuple(self._traffic.obstacles),
+            self._state,
+            self._scan,
+            self._lidar.angles,
+        )
+
+    def _sense(self) -> None:
+        """Read the true state, where it lies on the road and the noise-free scan."""
+        self._state = self._vehicle.state()
+        self._at: RoadPoint = self._road.locate(self._state.x, self._state.y, self._at.index)
+        self._scan = self._lidar.scan(self._state)
+        self._clearance = float(self._scan.min())
+
+    def _observe(self) -> Observation:
+        """Draw the noise of every sensor, in the same order with the camera on or off."""
+        rng = self._noise
+        self._lane = self._lane_sensor.measure(self._state, self._at, rng)
+        image = np.zeros((self.config.image_size,) * 2 + (3,), np.uint8)
+        camera_rng = np.random.default_rng(rng.integers(2**63))
+        if self.camera_on:
+            self._scenery.show_around(self._at.s)
+            image = self._camera.measure(self._state, self._light, camera_rng)
+        return {
+            "image": image,
+            "lidar": self._lidar.measure(self._scan, rng),
+            "speed": np.array([self._state.speed], dtype=np.float32),
+        }
+
+    def _reward_terms(
+        self, steering_rate: float, *, collision: bool, off_road: bool, success: bool
+    ) -> dict[str, float]:
+        offset = self._at.d - HOME_LANE
+        return reward_terms(
+            self.config.reward,
+            Situation(
+                mode=driving_mode(offset, self._home_gap(), self.config.obstacle_sight),
+                lateral_offset=offset,
+                speed=self._state.speed * float(np.cos(self._state.yaw - self._at.heading)),
+                clearance=self._clearance,
+                steering_rate=steering_rate,
+                collision=collision,
+                off_road=off_road,
+                success=success,
+            ),
+        )
+
+    def _home_gap(self) -> float:
+        """Free distance in the home lane, ahead of the bumper or beside the car [m]."""
+        gaps = [
+            max(0.0, o.s - 0.5 * o.size[0] - self._at.s - FRONT_BUMPER)
+            for o in self._traffic.obstacles
+            if abs(o.d - HOME_LANE) < 0.5 * LANE_WIDTH and o.s + 0.5 * o.size[0] > self._at.s
+        ]
+        return min(gaps, default=np.inf)
+
+    def _info(
+        self, terms: dict[str, float], *, collision: bool, off_road: bool, success: bool
+    ) -> Info:
+        state = self._state
+        return {
+            "reward_terms": terms,
+            "success": success,
+            "collision": collision,
+            "off_road": off_road,
+            "progress": self._at.s,
+            "goal_distance": max(0.0, self._road.length - self._at.s),
+            "clearance": self._clearance,
+            "lateral_offset": self._at.d - HOME_LANE,
+            "heading_error": wrap(state.yaw - self._at.heading),
+            "pose": np.array([state.x, state.y, state.yaw]),
+            "speed": state.speed,
+            "lateral_acceleration": state.speed * state.yaw_rate,
+            "lane_measurement": self._lane,
+        }

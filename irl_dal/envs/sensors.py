@@ -1,0 +1,145 @@
+"""Sensors of the ego car: LiDAR, camera and the lane sensor, each with its own noise."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.envs.road import HOME_LANE, Road, RoadPoint
+from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
+from irl_dal.envs.world import CameraPose, Illumination, World
+from shield import LaneMeasurement
+
+Array = NDArray[np.float64]
+
+
+class Lidar:
+    """Flat scanner in the middle of the front bumper.
+
+    Args:
+        world: World to scan.
+        beams: Number of beams over 180 degrees, beam 0 at the right, counter-clockwise.
+        max_range: Range [m], also the reading where nothing is hit.
+        noise: Standard deviation of a reading [m].
+        dropout: Probability that a beam returns nothing.
+    """
+
+    HEIGHT = 0.6
+    """Above the ground [m]: over the kerbs, under the bonnet's edge."""
+
+    def __init__(
+        self, world: World, beams: int, max_range: float, noise: float, dropout: float
+    ) -> None:
+        self._world = world
+        self._noise = noise
+        self._dropout = dropout
+        self.max_range = max_range
+        self.angles: Array = np.linspace(-0.5 * np.pi, 0.5 * np.pi, beams)
+
+    def scan(self, state: VehicleState) -> Array:
+        """Noise-free ranges (beams,) [m]."""
+        ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
+        origin = np.array([state.x, state.y]) + (FRONT_BUMPER + 0.01) * ahead
+        bearing = state.yaw + self.angles
+        ends = np.empty((len(bearing), 3))
+        ends[:, 0] = origin[0] + self.max_range * np.cos(bearing)
+        ends[:, 1] = origin[1] + self.max_range * np.sin(bearing)
+        ends[:, 2] = self.HEIGHT
+        return self.max_range * self._world.rays(np.append(origin, self.HEIGHT), ends)
+
+    def measure(self, scan: Array, rng: np.random.Generator) -> NDArray[np.float32]:
+        """Readings (beams,) float32 [m] of a noise-free `scan`."""
+        noisy = scan + rng.normal(0.0, self._noise, scan.shape) * (scan < self.max_range)
+        noisy[rng.random(scan.shape) < self._dropout] = self.max_range
+        return np.clip(noisy, 0.0, self.max_range).astype(np.float32)
+
+
+class Camera:
+    """Colour camera above the front bumper, looking slightly down.
+
+    Args:
+        world: World to see.
+        size: Edge length of the square image [px].
+        noise: Standard deviation of a pixel's value [1/255].
+    """
+
+    FORWARD, HEIGHT = 3.3, 1.35
+    """Mounting point from the rear axle and above the ground [m]."""
+
+    FIELD_OF_VIEW = 70.0
+    """[deg]"""
+
+    AIM = 10.0
+    """Distance at which the axis meets the height of 0.3 m [m]."""
+
+    def __init__(self, world: World, size: int, noise: float) -> None:
+        self._world = world
+        self._size = size
+        self._noise = noise
+
+    def measure(
+        self, state: VehicleState, light: Illumination, rng: np.random.Generator
+    ) -> NDArray[np.uint8]:
+        """Image (size, size, 3) uint8."""
+        ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
+        eye = np.array([state.x, state.y]) + self.FORWARD * ahead
+        aim = eye + self.AIM * ahead
+        pose = CameraPose(
+            eye=(float(eye[0]), float(eye[1]), self.HEIGHT),
+            target=(float(aim[0]), float(aim[1]), 0.3),
+            field_of_view=self.FIELD_OF_VIEW,
+            width=self._size,
+            height=self._size,
+        )
+        image = self._world.render(pose, light)
+        grain = rng.normal(0.0, self._noise, image.shape[:2])[..., None]
+        return np.clip(image + grain, 0.0, 255.0).astype(np.uint8)
+
+
+class LaneSensor:
+    """Lane pose and shape as a lane camera reports them: odometry with noise.
+
+    The shape is the clothoid `curvature + curvature_rate · s` that fits the next 25 m best.
+
+    Args:
+        road: The road that is measured.
+        offset_noise: Standard deviation of the lateral offset [m].
+        heading_noise: Standard deviation of the heading error [rad].
+        dropout: Probability that a measurement is missing.
+    """
+
+    PREVIEW = 25.0
+    """[m]"""
+
+    def __init__(
+        self, road: Road, offset_noise: float, heading_noise: float, dropout: float
+    ) -> None:
+        self._road = road
+        self._offset_noise = offset_noise
+        self._heading_noise = heading_noise
+        self._dropout = dropout
+        self._ahead = np.arange(0.0, self.PREVIEW + 0.5, 1.0)
+        terms = np.stack([self._ahead, 0.5 * self._ahead**2], axis=1)
+        self._fit = np.linalg.pinv(terms)
+
+    def measure(
+        self, state: VehicleState, at: RoadPoint, rng: np.random.Generator
+    ) -> LaneMeasurement | None:
+        """Lane pose relative to the home lane's centre; None where the sensor misses it."""
+        noise = rng.normal(size=3)
+        if rng.random() < self._dropout:
+            return None
+        stretch = 1.0 - HOME_LANE * at.curvature
+        heading = np.interp(at.s + self._ahead / stretch, self._road.s, self._road.heading)
+        curvature, rate = self._fit @ (heading - at.heading)
+        return LaneMeasurement(
+            lateral_offset=at.d - HOME_LANE + self._offset_noise * noise[0],
+            heading_error=wrap(state.yaw - at.heading) + self._heading_noise * noise[1],
+            curvature=float(curvature) + 1e-3 * noise[2],
+            curvature_rate=float(rate),
+        )
+
+
+def wrap(angle: float) -> float:
+    """The same angle in [-pi, pi) [rad]."""
+    return float((angle + np.pi) % (2.0 * np.pi) - np.pi)

@@ -1,0 +1,137 @@
+"""The ego car: four wheels under Bullet's physics.
+
+A low-level controller turns a command [steering, speed] into hinge and wheel motors.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.envs.world import World
+
+Array = NDArray[np.float64]
+
+WHEELBASE = 2.7
+TRACK = 1.6
+WHEEL_RADIUS = 0.33
+LENGTH = 4.5
+WIDTH = 1.8
+FRONT_BUMPER = 3.6
+"""From the rear axle to the front bumper [m]."""
+
+REAR_OVERHANG = LENGTH - FRONT_BUMPER
+"""From the rear axle to the rear bumper [m]."""
+
+MASS = 1500.0
+"""With the wheels [kg]."""
+
+CENTRE_OF_MASS = 1.35
+"""From the rear axle [m]; where Bullet keeps the base frame."""
+
+DRIVE_ACCELERATION = 6.0
+BRAKE_DECELERATION = 8.0
+"""What the wheel motors can do [m/s^2]: above the shield's bounds, below the tyres' grip."""
+
+SERVO_RATE = 1.2
+"""Turning rate of the steering hinges [rad/s]."""
+
+SERVO_TORQUE = 4000.0
+"""[N m]"""
+
+GRIP = 1.0
+"""Coulomb friction coefficient of the tyres."""
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleState:
+    """True state of the car at the middle of its rear axle.
+
+    Attributes:
+        x: Position [m].
+        y: Position [m].
+        yaw: Heading [rad], positive to the left.
+        speed: Forward speed [m/s].
+        yaw_rate: [rad/s].
+        lateral_speed: Sideways speed at the rear axle [m/s]: the slip.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    speed: float
+    yaw_rate: float
+    lateral_speed: float
+
+
+class Vehicle:
+    """The car in the world.
+
+    Args:
+        world: Physics in which it drives.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world = world
+        self.body = world.car()
+        joints = world.joints(self.body)
+        self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
+        self._spin = [
+            joints[f"{end}_{side}_spin"] for end in ("front", "rear") for side in ("left", "right")
+        ]
+        for link in self._spin:
+            world.friction(self.body, link, GRIP)
+
+    def place(self, x: float, y: float, yaw: float, speed: float) -> None:
+        """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
+        ahead = np.array([np.cos(yaw), np.sin(yaw)])
+        at = np.array([x, y]) + CENTRE_OF_MASS * ahead
+        self._world.move(self.body, (float(at[0]), float(at[1]), 0.45), yaw)
+        self._world.set_velocity(self.body, (*(speed * ahead).tolist(), 0.0))
+        for joint in self._steer:
+            self._world.set_joint(self.body, joint, 0.0, 0.0)
+        for joint in self._spin:
+            self._world.set_joint(self.body, joint, 0.0, speed / WHEEL_RADIUS)
+        self.drive(0.0, speed)
+
+    def drive(self, steering: float, speed: float) -> None:
+        """Set the motors for a command until the next one.
+
+        The bicycle's steering angle becomes the two angles of an Ackermann axle and each wheel
+        gets the speed of its own circle, so that no tyre has to scrub.
+
+        Args:
+            steering: Angle of the bicycle's front wheel [rad].
+            speed: Speed of the rear axle's middle [m/s].
+        """
+        curvature = float(np.tan(steering)) / WHEELBASE
+        half = 0.5 * TRACK
+        for joint, y in zip(self._steer, (half, -half), strict=True):
+            angle = float(np.arctan2(WHEELBASE * curvature, 1.0 - y * curvature))
+            self._world.hinge(self.body, joint, angle, SERVO_RATE, SERVO_TORQUE)
+        faster = speed > self.state().speed
+        pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
+        torque = 0.25 * MASS * pull * WHEEL_RADIUS
+        wheels = ((WHEELBASE, half), (WHEELBASE, -half), (0.0, half), (0.0, -half))
+        for joint, (x, y) in zip(self._spin, wheels, strict=True):
+            own = speed * float(np.hypot(1.0 - y * curvature, x * curvature))
+            self._world.spin(self.body, joint, own / WHEEL_RADIUS, torque)
+
+    def state(self) -> VehicleState:
+        """Where the car is and how it moves."""
+        position, rotation = self._world.frame(self.body)
+        linear, angular = self._world.velocity(self.body)
+        yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+        ahead = np.array([np.cos(yaw), np.sin(yaw)])
+        rear = position[:2] - CENTRE_OF_MASS * ahead
+        sideways = float(-ahead[1] * linear[0] + ahead[0] * linear[1])
+        return VehicleState(
+            x=float(rear[0]),
+            y=float(rear[1]),
+            yaw=yaw,
+            speed=float(ahead @ linear[:2]),
+            yaw_rate=float(angular[2]),
+            lateral_speed=sideways - CENTRE_OF_MASS * float(angular[2]),
+        )
