@@ -176,14 +176,14 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self.limits = limits or ActuatorLimits()
         self.render_mode = render_mode
         size, beams = self.config.image_size, self.config.lidar_beams
-        self.observation_space = spaces.Dict(
+        self.observation_space = spaces.Dict(  # type: ignore[assignment]
             {
                 "image": spaces.Box(0, 255, (size, size, 3), np.uint8),
                 "lidar": spaces.Box(0.0, self.config.lidar_range, (beams,), np.float32),
                 "speed": spaces.Box(-50.0, 50.0, (1,), np.float32),
             }
         )
-        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float32)
+        self.action_space: spaces.Box = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.camera_on = True
         self._world = World()
         self._lidar = Lidar(
@@ -217,7 +217,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
         self._command: Array = np.array([0.0, config.initial_speed])
-        self._at = self._road.locate(x, y)
+        self._at: RoadPoint = self._road.locate(x, y)
         self._sense()
         observation = self._observe()
         return observation, self._info({}, collision=False, off_road=False, success=False)
@@ -248,7 +248,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         info = self._info(terms, collision=collision, off_road=off_road, success=success)
         return self._observe(), float(sum(terms.values())), terminated, truncated, info
 
-    def render(self) -> NDArray[np.uint8] | None:  # type: ignore[override]
+    def render(self) -> NDArray[np.uint8] | None:
         """The chase view (360, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
@@ -271,7 +271,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     def _sense(self) -> None:
         """Read the true state, where it lies on the road and the noise-free scan."""
         self._state = self._vehicle.state()
-        self._at: RoadPoint = self._road.locate(self._state.x, self._state.y, self._at.index)
+        self._at = self._road.locate(self._state.x, self._state.y, self._at.index)
         self._scan = self._lidar.scan(self._state)
         self._clearance = float(self._scan.min())
 

@@ -66,15 +66,15 @@ class Road:
 
     def __init__(self, curvature: Array, length: float) -> None:
         steps = curvature * SPACING
-        heading = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]))])
+        heading: Array = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]))])
         midway = 0.5 * (heading[1:] + heading[:-1])
         x = np.concatenate([[0.0], np.cumsum(SPACING * np.cos(midway))])
         y = np.concatenate([[0.0], np.cumsum(SPACING * np.sin(midway))])
         self.length = length
-        self.s: Array = np.arange(len(curvature)) * SPACING - LEAD_IN
+        self.s: Array = SPACING * np.arange(len(curvature), dtype=np.float64) - LEAD_IN
         self.points: Array = np.stack([x, y], axis=1)
         self.heading: Array = heading
-        self.curvature: Array = np.asarray(curvature, dtype=np.float64)
+        self.curvature: Array = curvature.astype(np.float64)
         for array in (self.s, self.points, self.heading, self.curvature):
             array.setflags(write=False)
 

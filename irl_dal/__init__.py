@@ -1,0 +1,1 @@
+"""IRL-DAL: imitation, reinforcement and guided diffusion planning under a safety shield."""

@@ -1,0 +1,105 @@
+"""From a configuration to the objects that it describes; training and evaluation build alike."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import torch
+
+from expert import FSMExpert
+from irl_dal.checkpoint import CheckpointError, CheckpointStore
+from irl_dal.config import RunConfig
+from irl_dal.envs import CityEnv
+from irl_dal.learning import DrivingPolicy, build_policy
+from irl_dal.loop import ControlLoop, Supervision
+from irl_dal.planner import DiffusionPlanner
+from shield import SafetyFilter
+
+__all__ = [
+    "build_loop",
+    "build_planner",
+    "expert_supervision",
+    "load_run",
+    "supervision",
+]
+
+_STREAM = (1_000,)
+"""Spawn key of the planner's random stream: none of those that learning splits the seed into."""
+
+
+def build_planner(config: RunConfig) -> DiffusionPlanner | None:
+    """The planner with its own random stream of the run's seed; None where it is switched off."""
+    if not config.supervision.enabled:
+        return None
+    stream = np.random.SeedSequence(config.seed, spawn_key=_STREAM).generate_state(1, np.uint64)
+    generator = torch.Generator().manual_seed(int(stream[0] >> 1))
+    return DiffusionPlanner(config.planner, config.limits, generator=generator)
+
+
+def supervision(
+    config: RunConfig, planner: DiffusionPlanner | None, *, training: bool = False
+) -> Supervision:
+    """Planner, blend and shield as far as the configuration has them.
+
+    Args:
+        config: Of the run.
+        planner: What `build_planner` returned.
+        training: Whether the expert may lend the planner a reference.
+    """
+    return Supervision(
+        planner=planner,
+        blend=None if planner is None else planner.blend,
+        activation=config.supervision.activation,
+        safety_filter=_safety_filter(config) if config.shield.enabled else None,
+        expert_reference=training and config.supervision.expert_reference,
+    )
+
+
+def expert_supervision(config: RunConfig) -> Supervision:
+    """What the expert drives under when it is the reference: the shield, whatever the variant."""
+    return Supervision(safety_filter=_safety_filter(config))
+
+
+def build_loop(
+    config: RunConfig, watch: Supervision, *, render_mode: str | None = None
+) -> ControlLoop:
+    """The city, the expert and the control loop around them."""
+    city = CityEnv(config.env, config.limits, render_mode)
+    expert = FSMExpert(config.expert, config.limits)
+    return ControlLoop(city, expert, watch, config.shield.trigger)
+
+
+def load_run(
+    config: RunConfig, run_dir: Path, loop: ControlLoop, planner: DiffusionPlanner | None
+) -> DrivingPolicy:
+    """The policy of a run's newest checkpoint; the planner's weights go into `planner`.
+
+    Args:
+        config: Of the run.
+        run_dir: Its folder.
+        loop: Gives the spaces.
+        planner: Takes over its weights; None where the run has none.
+
+    Raises:
+        CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated.
+    """
+    state = CheckpointStore(run_dir).load().state
+    policy = build_policy(
+        loop.city.observation_space, loop.city.action_space, config.learning.ppo, config.perception
+    )
+    try:
+        policy.load_state_dict(state["policy"])
+        if planner is not None:
+            planner.load_state_dict(state["diffusion"]["network"])
+    except (RuntimeError, TypeError, KeyError) as error:
+        what = str(error).splitlines()[0]
+        raise CheckpointError(
+            f"{run_dir}: the weights do not fit the configuration ({what})"
+        ) from None
+    policy.set_training_mode(False)
+    return policy
+
+
+def _safety_filter(config: RunConfig) -> SafetyFilter:
+    return SafetyFilter(config.limits, config.shield.solver)

@@ -1,0 +1,232 @@
+"""The configuration of a run: composed by Hydra, checked here, then frozen.
+
+Every number lives in the dataclass of the part that it configures. `register` hands these
+defaults to Hydra as the base of its groups, so that each key is known to it; the files in
+`configs/` say only what differs. `parse` turns what Hydra composed into a `RunConfig` or names the
+key that is wrong.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import Annotated, Any
+
+from hydra.core.config_store import ConfigStore
+from omegaconf import DictConfig, OmegaConf
+from omegaconf.errors import OmegaConfBaseException
+from pydantic import Field, TypeAdapter, ValidationError
+
+from expert import ExpertConfig
+from irl_dal.envs import CityConfig
+from irl_dal.evaluation.config import EvaluationConfig
+from irl_dal.learning import LearningConfig
+from irl_dal.loop import Activation
+from irl_dal.perception import PerceptionConfig
+from irl_dal.planner import PlannerConfig
+from shield import ActuatorLimits, TriggerConfig
+
+__all__ = [
+    "ConfigError",
+    "RunConfig",
+    "ShieldConfig",
+    "SupervisionConfig",
+    "config_hash",
+    "known_keys",
+    "parse",
+    "register",
+    "to_mapping",
+]
+
+
+class ConfigError(ValueError):
+    """Something that was asked for cannot be; the message is one line naming key and value."""
+
+
+@dataclass(frozen=True, slots=True)
+class ShieldConfig:
+    """How the shield takes part in a run; its bounds are `ActuatorLimits`.
+
+    Attributes:
+        enabled: Whether it stands between the commands and the actuators. Off for comparisons only.
+        solver: Solver of its projections.
+        trigger: When a state is risky enough to ask the planner.
+    """
+
+    enabled: bool = True
+    solver: str = "osqp"
+    trigger: TriggerConfig = field(default_factory=TriggerConfig)
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisionConfig:
+    """How the planner takes part in a run; its numbers are `PlannerConfig`.
+
+    Attributes:
+        enabled: Whether there is a planner at all.
+        activation: When it is asked: on the trigger, always or never.
+        expert_reference: Whether the expert's command is its reference (E_expert) in training; in
+            an evaluation there is no expert to ask.
+    """
+
+    enabled: bool = True
+    activation: Activation = "trigger"
+    expert_reference: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class RunConfig:
+    """Everything that a run depends on.
+
+    Attributes:
+        seed: Of every random source of the training.
+        variant: Name of the compared method.
+        preset: Name of the extent: default, paper or smoke.
+        env: The city.
+        expert: The expert.
+        limits: Bounds of the actuators.
+        shield: The shield.
+        planner: The diffusion planner.
+        supervision: When it is asked.
+        perception: The perception module.
+        learning: The two phases.
+        evaluation: What is measured after the training.
+    """
+
+    seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
+    variant: str = "shielded"
+    preset: str = "default"
+    env: CityConfig = field(default_factory=CityConfig)
+    expert: ExpertConfig = field(default_factory=ExpertConfig)
+    limits: ActuatorLimits = field(default_factory=ActuatorLimits)
+    shield: ShieldConfig = field(default_factory=ShieldConfig)
+    planner: PlannerConfig = field(default_factory=PlannerConfig)
+    supervision: SupervisionConfig = field(default_factory=SupervisionConfig)
+    perception: PerceptionConfig = field(default_factory=PerceptionConfig)
+    learning: LearningConfig = field(default_factory=LearningConfig)
+    evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
+
+    def __post_init__(self) -> None:
+        """Keep the seeds of evaluation apart from those of training."""
+        last = self.evaluation.first_seed + self.evaluation.episodes - 1
+        if last >= self.learning.first_seed:
+            raise ValueError(
+                "`evaluation.first_seed` and the episodes after it must stay below "
+                f"`learning.first_seed` = {self.learning.first_seed}. Got seeds up to {last}."
+            )
+
+
+GROUPS = ("env", "expert", "shield", "planner", "perception", "learning", "evaluation")
+"""Hydra's groups with a section of their own; `variant` and `preset` only change these."""
+
+_SHARED = {
+    "shield": ("limits", frozenset(entry.name for entry in fields(ActuatorLimits))),
+    "planner": ("supervision", frozenset(entry.name for entry in fields(SupervisionConfig))),
+}
+"""Groups whose keys belong to two parts: the second part and its keys."""
+
+_RUN_CONFIG = TypeAdapter(RunConfig)
+
+
+def to_mapping(config: RunConfig) -> dict[str, Any]:
+    """The configuration as nested dictionaries and lists, one entry per group."""
+    mapping = json.loads(json.dumps(asdict(config)))
+    for group, (part, _) in _SHARED.items():
+        mapping[group] = mapping.pop(part) | mapping[group]
+    return dict(mapping)
+
+
+def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
+    """Check a composed configuration and freeze it.
+
+    Args:
+        composed: Sections as `to_mapping` gives them; interpolations are resolved. Keys beside the
+            sections (what only the command itself reads) are the caller's.
+
+    Raises:
+        ConfigError: A key is unknown, or a value has the wrong type or cannot be.
+    """
+    mapping = _resolve(composed)
+    defaults = to_mapping(RunConfig())
+    mapping = {key: value for key, value in mapping.items() if key in defaults}
+    for key, value in _leaves(mapping):
+        _require_known(key, value, defaults)
+    for group, (part, keys) in _SHARED.items():
+        entries = mapping.get(group, {})
+        mapping[part] = {key: entries[key] for key in entries if key in keys}
+        mapping[group] = {key: entries[key] for key in entries if key not in keys}
+    try:
+        return _RUN_CONFIG.validate_python(mapping)
+    except ValidationError as error:
+        raise ConfigError(_first_line(error)) from None
+
+
+def config_hash(config: RunConfig) -> str:
+    """Twelve hexadecimal digits that runs of one configuration share, whatever their seed.
+
+    The evaluation's extent does not enter either: it does not change what was trained.
+    """
+    mapping = to_mapping(config)
+    trained = {key: mapping[key] for key in mapping if key not in ("seed", "preset", "evaluation")}
+    text = json.dumps(trained, sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:12]
+
+
+def register() -> None:
+    """Give Hydra the defaults of every group, as the group's option `base`."""
+    store = ConfigStore.instance()
+    defaults = to_mapping(RunConfig())
+    for group in GROUPS:
+        store.store(group=group, name="base", node=defaults[group])
+
+
+def known_keys() -> list[str]:
+    """Every key of a run's configuration, dotted."""
+    return [key for key, _ in _leaves(to_mapping(RunConfig()))]
+
+
+def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
+    if not isinstance(composed, DictConfig):
+        return dict(composed)
+    try:
+        resolved = OmegaConf.to_container(composed, resolve=True)
+    except OmegaConfBaseException as error:
+        raise ConfigError(" ".join(str(error).split())) from None
+    return {str(key): value for key, value in dict(resolved).items()}  # type: ignore[arg-type]
+
+
+def _leaves(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted keys and values of everything that is not itself a non-empty dictionary."""
+    for key, value in mapping.items():
+        if isinstance(value, Mapping) and value:
+            yield from _leaves(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _require_known(key: str, value: Any, defaults: Mapping[str, Any]) -> None:
+    node: Any = defaults
+    for part in key.split("."):
+        if not isinstance(node, Mapping) or part not in node:
+            raise ConfigError(f"{key} = {value!r}: there is no such key")
+        node = node[part]
+
+
+def _first_line(error: ValidationError) -> str:
+    """The first complaint as one line that names the key and the value."""
+    details = error.errors(include_url=False)[0]
+    path = [str(part) for part in details["loc"]]
+    groups = {part: group for group, (part, _) in _SHARED.items()}
+    path[:1] = [groups.get(part, part) for part in path[:1]]
+    message = details["msg"].removeprefix("Value error, ")
+    if details["type"] != "value_error":
+        return f"{'.'.join(path)} = {details['input']!r}: {_lower_first(message)}"
+    named = re.match(r"`(\w+)`", message)
+    return f"{'.'.join([*path, named[1]] if named else path)}: {message}"
+
+
+def _lower_first(text: str) -> str:
+    return text[:1].lower() + text[1:]

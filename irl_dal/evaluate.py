@@ -1,0 +1,73 @@
+"""Evaluate a trained run, the expert or random actions.
+
+python -m irl_dal.evaluate run=DIR | policy=expert|random
+[episodes=N] [first_seed=N] [out=FILE.json]
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+
+from irl_dal.command import run_command
+from irl_dal.config import ConfigError, RunConfig, parse
+from irl_dal.evaluation.bench import AgentSpec
+from irl_dal.evaluation.report import evaluation_table, write_json
+from irl_dal.evaluation.suite import evaluate
+from irl_dal.overrides import changed, stated, unchanged
+from irl_dal.runs import open_run
+
+__all__ = ["main"]
+
+OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out"})
+"""Keys of this command beside the configuration's."""
+
+FIXED_KEYS = frozenset({"seed", "variant", "preset"})
+"""Keys that a trained run has settled."""
+
+
+def main() -> None:
+    """Entry point of the command."""
+    run_command(_main, "evaluate")
+
+
+def _main(composed: DictConfig) -> None:
+    config, spec = _subject(composed)
+    out = None if composed.out is None else Path(str(composed.out))
+    if out is not None and out.is_dir():
+        raise ConfigError(f"out = {str(out)!r}: is a folder")
+    runs = Path("runs") if spec.run_dir is None else spec.run_dir.parent
+    console = Console()
+    evaluation = evaluate(config, spec, runs, console)
+    who = spec.policy if spec.run_dir is None else f"{config.variant}, {spec.run_dir}"
+    console.print(evaluation_table(evaluation.report, who))
+    if out is not None:
+        write_json(out, evaluation.report)
+        console.print(f"written to {out}")
+
+
+def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
+    """What is evaluated and who drives."""
+    run, policy = composed.run, composed.policy
+    if (run is None) == (policy is None):
+        raise ConfigError(f"run = {run!r}, policy = {policy!r}: give one of the two")
+    config = parse(composed)
+    if policy is not None:
+        if policy not in ("expert", "random"):
+            raise ConfigError(f"policy = {policy!r}: choose one of expert, random")
+        return config, AgentSpec(policy)
+    folder = open_run("run", Path(str(run)))
+    values = list(stated(composed, OWN_KEYS))
+    for key, value in values:
+        if key in FIXED_KEYS:
+            unchanged(key, value, folder.config, f"settled by the training of {folder.path}")
+    values = [(key, value) for key, value in values if key not in FIXED_KEYS]
+    theirs = changed(replace(folder.config, evaluation=config.evaluation), values)
+    return theirs, AgentSpec("run", folder.path)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,1 @@
+"""Driving an agent, measuring the drives, showing the results."""

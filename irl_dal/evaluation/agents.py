@@ -1,0 +1,95 @@
+"""Who drives in an evaluation: a trained policy, the expert, or nobody in particular."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.learning.policy import DrivingPolicy
+from irl_dal.loop import ControlLoop, Observation
+
+__all__ = ["Agent", "ExpertAgent", "PolicyAgent", "RandomAgent", "StepResult"]
+
+Array = NDArray[np.float64]
+
+StepResult = tuple[Observation, float, bool, bool, dict[str, Any]]
+
+
+class Agent(Protocol):
+    """Chooses an action for every observation and drives it."""
+
+    def reset(self, seed: int) -> None:
+        """Begin an episode with this seed."""
+
+    def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
+        """The agent's own action (2,), normalised.
+
+        Args:
+            observation: What the sensors say.
+            info: `info` that came with it.
+        """
+
+    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
+        """Drive one control step with an action of `act`."""
+
+
+@dataclass(slots=True)
+class PolicyAgent:
+    """A trained policy, without exploration.
+
+    Attributes:
+        policy: Its mean action is the agent's action.
+    """
+
+    policy: DrivingPolicy
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget: the policy sees one observation at a time."""
+
+    def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
+        """The policy's mean action (2,), clipped to the action space."""
+        action, _ = self.policy.predict(observation, deterministic=True)
+        return np.asarray(action, np.float64)
+
+    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
+        """Under planner and shield, as far as the loop has them."""
+        return loop.step(action)
+
+
+@dataclass(slots=True)
+class ExpertAgent:
+    """The expert itself; its action is its set-point, what it executes is slew-limited."""
+
+    def reset(self, seed: int) -> None:
+        """Nothing to forget: the loop resets the expert."""
+
+    def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
+        """The expert's label for this observation (2,)."""
+        return np.asarray(info["expert_action"], np.float64)
+
+    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
+        """With the expert's own command."""
+        return loop.step_expert()
+
+
+@dataclass(slots=True)
+class RandomAgent:
+    """Actions drawn uniformly from the action space."""
+
+    _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
+
+    def reset(self, seed: int) -> None:
+        """The same seed draws the same actions."""
+        self._rng = np.random.default_rng(seed)
+
+    def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
+        """An action (2,) from [-1, 1]^2."""
+        return self._rng.uniform(-1.0, 1.0, 2)
+
+    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
+        """Under planner and shield, as far as the loop has them."""
+        return loop.step(action)

@@ -1,0 +1,170 @@
+"""What is written down while an agent drives: the raw material of every number and picture."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.loop import SOURCES
+from shield import Status
+
+__all__ = ["Episode", "EpisodeRecorder"]
+
+Array = NDArray[np.float64]
+
+SILENT = -1
+"""Entry of `Episode.nominal_violations` for a source that proposed nothing on that step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Episode:
+    """One drive of T steps, as read-only arrays.
+
+    Attributes:
+        seed: Seed that the episode was reset with.
+        success: Goal reached, no collision, never off the road, within the time limit.
+        collision: Ended by a collision.
+        off_road: Left the road.
+        reward: Environment reward (T,).
+        pose: True x, y, yaw of the rear axle [m, m, rad] before the first and after each step
+            (T+1, 3).
+        speed: True speed, likewise (T+1,) [m/s].
+        mode: Expert mode in the state acted upon (T,).
+        agent_action: The agent's own action, before planner and shield (T, 2), normalised.
+        expert_action: The expert's label for the same state (T, 2), normalised.
+        previous_command: Command executed on the step before (T, 2) [rad, m/s].
+        nominal_command: Command before the shield (T, 2) [rad, m/s].
+        executed_command: Command that reached the actuators (T, 2) [rad, m/s].
+        projected: The shield changed the command (T,).
+        triggered: The planner was used (T,).
+        nominal_violations: 1 where a source's proposal broke a bound before the shield, 0 where it
+            did not, -1 where the source proposed nothing (T, 4); columns as `irl_dal.loop.SOURCES`.
+        shield_time: Duration of each shield call (T,) [s]; NaN where the shield is off.
+        plan_latency: Duration of each plan (P,) [s].
+        plan_projected: The projection changed the plan (P,).
+    """
+
+    seed: int
+    success: bool
+    collision: bool
+    off_road: bool
+    reward: Array
+    pose: Array
+    speed: Array
+    mode: NDArray[np.int64]
+    agent_action: Array
+    expert_action: Array
+    previous_command: Array
+    nominal_command: Array
+    executed_command: Array
+    projected: NDArray[np.bool_]
+    triggered: NDArray[np.bool_]
+    nominal_violations: NDArray[np.int8]
+    shield_time: Array
+    plan_latency: Array
+    plan_projected: NDArray[np.bool_]
+
+    def __post_init__(self) -> None:
+        """Make the arrays read-only."""
+        for entry in fields(self):
+            value = getattr(self, entry.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps T."""
+        return len(self.reward)
+
+    @property
+    def total_reward(self) -> float:
+        """Undiscounted sum of the environment reward."""
+        return float(self.reward.sum())
+
+
+@dataclass(slots=True)
+class EpisodeRecorder:
+    """Collects one episode from the control loop's `info` dictionaries.
+
+    Attributes:
+        seed: Seed of the episode.
+        first: `info` of the reset.
+    """
+
+    seed: int
+    first: Mapping[str, Any]
+    _steps: list[_Step] = field(default_factory=list)
+    _last: Mapping[str, Any] = field(default_factory=dict)
+
+    def add(
+        self,
+        before: Mapping[str, Any],
+        agent_action: Array,
+        reward: float,
+        after: Mapping[str, Any],
+    ) -> None:
+        """Record one step.
+
+        Args:
+            before: `info` that came with the observation acted upon.
+            agent_action: The agent's own action (2,), normalised.
+            reward: Environment reward of the step.
+            after: `info` that the step returned.
+        """
+        self._steps.append(_Step(before, np.asarray(agent_action, np.float64), reward, after))
+        self._last = after
+
+    def finish(self) -> Episode:
+        """The episode so far.
+
+        Raises:
+            ValueError: If no step was recorded.
+        """
+        if not self._steps:
+            raise ValueError(f"`seed` {self.seed}: an episode needs at least one step. Got 0.")
+        after = [step.after for step in self._steps]
+        before = [step.before for step in self._steps]
+        certificates = [info.get("certificate") for info in after]
+        plans = [info["plan"] for info in after if info.get("plan") is not None]
+        return Episode(
+            seed=self.seed,
+            success=bool(self._last["success"]),
+            collision=bool(self._last["collision"]),
+            off_road=bool(self._last["off_road"]),
+            reward=np.array([step.reward for step in self._steps], np.float64),
+            pose=_stack([self.first, *after], "pose"),
+            speed=_stack([self.first, *after], "speed").reshape(-1),
+            mode=np.array([int(info["mode"]) for info in before], np.int64),
+            agent_action=np.stack([step.agent_action for step in self._steps]),
+            expert_action=_stack(before, "expert_action"),
+            previous_command=_stack(after, "previous_command"),
+            nominal_command=_stack(after, "nominal_command"),
+            executed_command=_stack(after, "executed_command"),
+            projected=np.array([c is not None and c.intervened for c in certificates], np.bool_),
+            triggered=np.array([info["triggered"] for info in after], np.bool_),
+            nominal_violations=np.stack([_violations(info) for info in after]),
+            shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),
+            plan_latency=np.array([plan.latency for plan in plans], np.float64),
+            plan_projected=np.array([plan.status != Status.NOMINAL for plan in plans], np.bool_),
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class _Step:
+    before: Mapping[str, Any]
+    agent_action: Array
+    reward: float
+    after: Mapping[str, Any]
+
+
+def _stack(infos: list[Mapping[str, Any]], key: str) -> Array:
+    return np.stack([np.asarray(info[key], np.float64) for info in infos])
+
+
+def _violations(info: Mapping[str, Any]) -> NDArray[np.int8]:
+    proposals = info["nominal_violations"]
+    return np.array([proposals.get(source, SILENT) for source in SOURCES], np.int8)

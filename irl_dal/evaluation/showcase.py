@@ -1,0 +1,61 @@
+"""What a run leaves behind for people: its numbers, its curves and a film of one drive."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from rich.console import Console
+
+from irl_dal.config import RunConfig
+from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
+from irl_dal.evaluation.figures import draw_training
+from irl_dal.evaluation.measurements import Measurements
+from irl_dal.evaluation.report import evaluation_table, write_json
+from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.evaluation.suite import evaluate
+from irl_dal.evaluation.video import DriveFilm
+from irl_dal.runs import RunFolder
+
+__all__ = ["film_drive", "show_run", "telling_seed"]
+
+
+def show_run(folder: RunFolder, console: Console) -> None:
+    """Evaluate a trained run, write and print the numbers, draw its figures and its film.
+
+    Raises:
+        CheckpointError: The run has no checkpoint that can be used.
+    """
+    config, spec = folder.config, AgentSpec("run", folder.path)
+    evaluation = evaluate(config, spec, folder.path.parent, console)
+    write_json(folder.evaluation, evaluation.report)
+    console.print(evaluation_table(evaluation.report, f"{config.variant}, {folder.path}"))
+    figures = draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
+    if config.evaluation.video_duration > 0.0:
+        film_drive(config, spec, telling_seed(evaluation.measurements), folder.video)
+        figures.append(folder.video)
+    for path in (folder.evaluation, *figures):
+        console.print(f"written to {path}")
+
+
+def telling_seed(measurements: Measurements) -> int:
+    """The episode worth showing: a success if there is one, with the most planner steps."""
+    best = max(measurements.episodes, key=lambda e: (e.success, int(e.triggered.sum())))
+    return best.seed
+
+
+def film_drive(config: RunConfig, spec: AgentSpec, seed: int, path: Path) -> None:
+    """Drive one episode and film it.
+
+    Args:
+        config: Its `evaluation.video_duration` ends the film.
+        spec: Who drives.
+        seed: Of the episode.
+        path: `.mp4` or `.gif`.
+    """
+    with one_thread():
+        bench = Bench.build(config, spec, render_mode="rgb_array")
+        try:
+            with DriveFilm(path, bench.loop, config.evaluation.video_duration) as film:
+                drive_episode(bench.loop, bench.agent, seed, film.watch)
+        finally:
+            bench.close()

@@ -1,0 +1,124 @@
+"""Uncertainty of every reported number: percentile bootstrap over episodes, in strata if asked."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+__all__ = ["Estimate", "Statistic", "balanced_mean", "estimate", "maximum", "ratio", "root_ratio"]
+
+Array = NDArray[np.float64]
+
+Statistic = Callable[[Array], Array]
+"""Maps resampled rows (B, N, K) to one number per resample (B,)."""
+
+RESAMPLES = 2000
+CONFIDENCE = 0.95
+
+
+@dataclass(frozen=True, slots=True)
+class Estimate:
+    """A number and its bootstrap interval; None where there was nothing to measure.
+
+    Attributes:
+        value: The statistic on all rows.
+        low: Lower end of the 95 % interval.
+        high: Upper end of the 95 % interval.
+    """
+
+    value: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+def ratio(rows: Array) -> Array:
+    """Sum of column 0 over sum of column 1, (B, N, 2) -> (B,); NaN where the latter is zero."""
+    sums = rows.sum(axis=1)
+    return _divide(sums[:, 0], sums[:, 1])
+
+
+def root_ratio(rows: Array) -> Array:
+    """Root of the mean square: square root of `ratio`, (B, N, 2) -> (B,)."""
+    return np.sqrt(ratio(rows))
+
+
+def maximum(rows: Array) -> Array:
+    """Largest value of column 0, (B, N, 1) -> (B,)."""
+    largest: Array = rows[:, :, 0].max(axis=1)
+    return largest
+
+
+def balanced_mean(rows: Array) -> Array:
+    """Mean over classes of the mean within each class, (B, N, 2 C) -> (B,).
+
+    The first C columns are sums per class, the last C are counts. A class without a single member
+    in a resample does not enter that resample's mean.
+    """
+    sums, counts = np.split(rows.sum(axis=1), 2, axis=1)
+    means = _divide(sums, counts)
+    present = counts > 0.0
+    return _divide(np.where(present, means, 0.0).sum(axis=1), present.sum(axis=1))
+
+
+def estimate(
+    rows: ArrayLike,
+    statistic: Statistic,
+    rng: np.random.Generator,
+    *,
+    strata: ArrayLike | None = None,
+    resamples: int = RESAMPLES,
+) -> Estimate:
+    """Value of a statistic with its percentile bootstrap interval.
+
+    Args:
+        rows: One row per episode, (N, K).
+        statistic: Function of resampled rows (B, N, K) -> (B,).
+        rng: Random source of the resampling.
+        strata: Label of each row (N,), for example its run; rows are drawn with replacement within
+            their own stratum. None puts all rows in one.
+        resamples: Number of resamples B.
+
+    Returns:
+        The value and its 95 % interval; all None where there are no rows or the value is not
+        finite.
+
+    Raises:
+        ValueError: If `rows` is not two-dimensional or `strata` does not label each row.
+    """
+    table = np.asarray(rows, dtype=np.float64)
+    if table.ndim != 2:
+        raise ValueError(f"`rows` must have shape (N, K). Got {table.shape}.")
+    labels = np.zeros(len(table)) if strata is None else np.asarray(strata)
+    if labels.shape != (len(table),):
+        raise ValueError(f"`strata` must have shape ({len(table)},). Got {labels.shape}.")
+    if len(table) == 0:
+        return Estimate()
+    value = float(statistic(table[None])[0])
+    if not np.isfinite(value):
+        return Estimate()
+    samples = statistic(table[_resample(labels, resamples, rng)])
+    tail = 50.0 * (1.0 - CONFIDENCE)
+    low, high = np.nanpercentile(samples, [tail, 100.0 - tail])
+    return Estimate(value, float(low), float(high))
+
+
+def _resample(
+    labels: NDArray[np.generic], resamples: int, rng: np.random.Generator
+) -> NDArray[np.intp]:
+    """Row numbers (B, N) drawn with replacement within each stratum."""
+    drawn = [
+        members[rng.integers(len(members), size=(resamples, len(members)))]
+        for members in (np.flatnonzero(labels == label) for label in np.unique(labels))
+    ]
+    indices: NDArray[np.intp] = np.concatenate(drawn, axis=1)
+    return indices
+
+
+def _divide(numerator: Array, denominator: Array) -> Array:
+    """Quotient with NaN, and no warning, where the denominator is zero."""
+    quotient: Array = np.full(np.broadcast_shapes(numerator.shape, denominator.shape), np.nan)
+    np.divide(numerator, denominator, out=quotient, where=denominator != 0)
+    return quotient

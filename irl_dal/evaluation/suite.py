@@ -1,0 +1,196 @@
+"""One evaluation: everything that is driven for it, in several processes, and its report."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+import expert
+import irl_dal.envs
+import shield
+from irl_dal.config import RunConfig
+from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
+from irl_dal.evaluation.measurements import HeldOutActions, Measurements, PathPair
+from irl_dal.evaluation.metrics import Value, compute_metrics
+from irl_dal.evaluation.references import ReferenceCache
+from irl_dal.evaluation.rollout import spread_steps
+from irl_dal.runs import provenance
+
+__all__ = ["Evaluation", "evaluate"]
+
+Item = TypeVar("Item")
+Result = TypeVar("Result")
+
+CHUNK = 4
+"""Largest number of items that a process works on before it reports."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """An evaluation's result.
+
+    Attributes:
+        measurements: What was logged.
+        report: The numbers, flat, ready for JSON.
+    """
+
+    measurements: Measurements
+    report: dict[str, Value]
+
+
+def evaluate(
+    config: RunConfig, spec: AgentSpec, runs: Path, console: Console | None = None
+) -> Evaluation:
+    """Drive and measure.
+
+    Args:
+        config: What is evaluated; its `evaluation` says how much.
+        spec: Who drives.
+        runs: Folder that remembers the references' returns.
+        console: Where the progress bar goes.
+
+    Raises:
+        CheckpointError: The run has no checkpoint that can be used.
+    """
+    with one_thread():
+        Bench.build(config, spec).close()  # what cannot be built says so here, once
+    with _Workers(config, spec, console) as workers:
+        measurements = _measure(config, spec, runs, workers)
+    rng = np.random.default_rng(config.evaluation.first_seed)
+    report: dict[str, Value] = {
+        "policy": spec.policy,
+        "variant": config.variant,
+        "training_seed": config.seed if spec.policy == "run" else None,
+    }
+    report |= provenance(config)
+    report |= compute_metrics(measurements, config.limits, rng)
+    report |= {"latency_threads": 1, "latency_processes": config.evaluation.n_jobs}
+    return Evaluation(measurements, report)
+
+
+class _Workers:
+    """Spreads work over processes and shows how far it is."""
+
+    def __init__(self, config: RunConfig, spec: AgentSpec, console: Console | None) -> None:
+        self._config = config
+        self._spec = spec
+        self._jobs = config.evaluation.n_jobs
+        self._progress = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            console=console,
+            transient=True,
+            disable=console is None,
+        )
+
+    def __enter__(self) -> _Workers:
+        self._progress.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._progress.stop()
+
+    def map(
+        self, what: str, work: Callable[[Bench, Item], Result], items: Sequence[Item]
+    ) -> list[Result]:
+        """Results of `work` on each item, in their order."""
+        if not items:
+            return []
+        size = max(1, min(CHUNK, len(items) // (2 * self._jobs)))
+        chunks = [items[start : start + size] for start in range(0, len(items), size)]
+        task = self._progress.add_task(what, total=len(items))
+        results: list[Result] = []
+        parallel = Parallel(n_jobs=min(self._jobs, len(chunks)), return_as="generator")
+        calls = (delayed(_work)(self._config, self._spec, work, chunk) for chunk in chunks)
+        for done in parallel(calls):
+            results += done
+            self._progress.advance(task, len(done))
+        return results
+
+
+def _work(
+    config: RunConfig,
+    spec: AgentSpec,
+    work: Callable[[Bench, Item], Result],
+    items: Iterable[Item],
+) -> list[Result]:
+    """In a process of its own: build, work, leave."""
+    with one_thread():
+        bench = Bench.build(config, spec)
+        try:
+            return [work(bench, item) for item in items]
+        finally:
+            bench.close()
+
+
+def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: _Workers) -> Measurements:
+    """Drive whatever is not known yet."""
+    extent = config.evaluation
+    seeds = list(range(extent.first_seed, extent.first_seed + extent.episodes))
+    cache = ReferenceCache.beside(runs, _city_hash(config))
+    episodes = workers.map("driving", Bench.drive, seeds)
+    if spec.policy != "run" and config.shield.enabled:
+        cache.add(spec.policy, {episode.seed: episode.total_reward for episode in episodes})
+    held_out = seeds[: extent.held_out_episodes]
+    also = [seed for seed in cache.missing("expert", seeds) if seed not in held_out]
+    probes = workers.map("expert", Bench.probe, held_out + also)
+    cache.add("expert", {episode.seed: episode.total_reward for episode, _ in probes})
+    unknown = cache.missing("random", seeds)
+    returns = workers.map("random", Bench.random_return, unknown)
+    cache.add("random", dict(zip(unknown, returns, strict=True)))
+    return Measurements(
+        episodes=episodes,
+        references=cache.returns(seeds),
+        held_out=_join([answers for _, answers in probes[: len(held_out)]]),
+        pairs=_pairs(config, [episode for episode, _ in probes[: len(held_out)]], workers),
+    )
+
+
+def _pairs(config: RunConfig, experts: Sequence[Any], workers: _Workers) -> list[PathPair]:
+    """Compare paths from states along held-out expert episodes."""
+    extent = config.evaluation
+    horizon = max(1, round(extent.path_duration / config.limits.dt))
+    rng = np.random.default_rng(extent.first_seed)
+    lengths = [episode.steps for episode in experts]
+    steps = spread_steps(lengths, extent.path_states, horizon, rng)
+    stretches = [
+        (episode, [step], horizon)
+        for episode, chosen in zip(experts, steps, strict=True)
+        for step in chosen
+    ]
+    found = workers.map("paths", Bench.compare, stretches)
+    return [pair for pairs in found for pair in pairs]
+
+
+def _join(answers: Sequence[HeldOutActions]) -> HeldOutActions | None:
+    if not answers:
+        return None
+    return HeldOutActions(
+        seed=np.concatenate([part.seed for part in answers]),
+        mode=np.concatenate([part.mode for part in answers]),
+        agent_action=np.concatenate([part.agent_action for part in answers]),
+        expert_action=np.concatenate([part.expert_action for part in answers]),
+    )
+
+
+def _city_hash(config: RunConfig) -> str:
+    """Hash of what the references' returns depend on: city, expert, bounds, and their code."""
+    parts = {"env": config.env, "expert": config.expert, "limits": config.limits}
+    text = json.dumps({name: asdict(part) for name, part in parts.items()}, sort_keys=True)
+    digest = hashlib.sha256(text.encode())
+    for package in (irl_dal.envs, expert, shield):
+        for path in sorted(Path(package.__path__[0]).rglob("*")):
+            if path.suffix in (".py", ".urdf"):
+                digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]

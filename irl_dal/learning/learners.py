@@ -1,0 +1,138 @@
+"""Everything that learns, one method for each update of Algorithm 1."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from stable_baselines3 import PPO
+from torch import Tensor
+
+from expert.replay import ReplayBatch, ReplayBuffer
+from irl_dal.learning.behaviour_cloning import BehaviourCloning
+from irl_dal.learning.config import LearningConfig
+from irl_dal.learning.diffusion_training import DiffusionTraining
+from irl_dal.learning.discriminator import Discriminator
+from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
+from irl_dal.learning.policy import driving_policy, observation_tensors
+
+__all__ = ["Learners"]
+
+
+class Learners:
+    """Policy, planner and discriminator with the data that they learn from.
+
+    What an update has to report goes into PPO's logger, and from there into the next row of metrics.
+
+    Args:
+        config: Sizes and rates.
+        ppo: Owns the policy.
+        replay: D_s.
+        cloning: Trains the policy on the expert's labels.
+        diffusion: Trains the planner; None without one.
+        discriminator: D_psi.
+        rng: Source of everything drawn from the replay buffer.
+    """
+
+    def __init__(
+        self,
+        config: LearningConfig,
+        ppo: PPO,
+        replay: ReplayBuffer,
+        cloning: BehaviourCloning,
+        diffusion: DiffusionTraining | None,
+        discriminator: Discriminator,
+        rng: np.random.Generator,
+    ) -> None:
+        self.config = config
+        self.ppo = ppo
+        self.replay = replay
+        self.cloning = cloning
+        self.diffusion = diffusion
+        self.discriminator = discriminator
+        self._rng = rng
+
+    def clone(self, steps: int) -> None:
+        """TrainBC(D_buffer): gradient steps, then the held-out loss and the plateau scheduler."""
+        if self.replay.count() == 0:
+            return
+        record = self.ppo.logger.record
+        record("bc/train_loss", self.cloning.update(self._cloning_batch, steps))
+        held_out = self.cloning.validate(self.replay, self._rng)
+        if held_out is not None:
+            self.cloning.plateau(held_out.loss)
+            record("bc/loss", held_out.loss)
+            for mode, loss in held_out.per_mode.items():
+                record(f"bc/loss_{mode.name.lower()}", loss)
+        record("bc/learning_rate", self.cloning.learning_rate)
+        for name, parameter in driving_policy(self.ppo).features_extractor.named_parameters():
+            if "alpha" in name:
+                record(f"mask/{name.rpartition('.')[2]}", parameter.item())
+
+    def train_planner(self, steps: int) -> None:
+        """TrainDiffusion(D_buffer), if there is a planner and any stretch of expert driving."""
+        if self.diffusion is None or self.replay.count(source="chunk") == 0:
+            return
+        balanced = self.config.balanced
+        record = self.ppo.logger.record
+        record("planner/train_loss", self.diffusion.update(self.replay, steps, balanced=balanced))
+        held_out = self.diffusion.validate(self.replay)
+        if held_out is not None:
+            record("planner/loss", held_out)
+        record("planner/learning_rate", self.diffusion.learning_rate)
+
+    def train_discriminator(self) -> None:
+        """TrainDiscriminator(D_buffer): expert pairs against those of the rollout in progress."""
+        buffer = self.ppo.rollout_buffer
+        assert isinstance(buffer, HybridRolloutBuffer)
+        if buffer.pos == 0 or self.replay.count(source="expert") == 0:
+            return
+        report = self.discriminator.update(self._expert_pairs(), self._agent_pairs(buffer))
+        record = self.ppo.logger.record
+        record("discriminator/loss", report.loss)
+        record("discriminator/accuracy", report.accuracy)
+        record("discriminator/expert_logit", report.expert_logit)
+        record("discriminator/agent_logit", report.agent_logit)
+
+    def sync_features(self) -> None:
+        """SyncFeatures(): the discriminator sees with the policy's newest perception."""
+        self.discriminator.sync_features(driving_policy(self.ppo))
+
+    def judge(
+        self, observations: dict[str, NDArray[np.generic]], actions: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        """Expert logits (N,) of a rollout (images channels first); None before the first update."""
+        if self.discriminator.updates == 0:
+            return None
+        logits = self.discriminator.judge(_tensors(observations), torch.from_numpy(actions))
+        return logits.cpu().numpy()
+
+    def _cloning_batch(self) -> ReplayBatch:
+        config, replay = self.config.cloning, self.replay
+        balanced = self.config.balanced
+        marked = int(config.corrected_share * config.batch_size)
+        if marked == 0 or replay.count(source="corrected") == 0:
+            return replay.sample(self._rng, config.batch_size, balanced=balanced)
+        return ReplayBatch.join(
+            replay.sample(self._rng, config.batch_size - marked, balanced=balanced),
+            replay.sample(self._rng, marked, balanced=balanced, source="corrected"),
+        )
+
+    def _expert_pairs(self) -> tuple[dict[str, Tensor], Tensor]:
+        batch = self.replay.sample(
+            self._rng,
+            self.config.discriminator.samples,
+            balanced=self.config.balanced,
+            source="expert",
+        )
+        return observation_tensors(batch, "cpu"), torch.from_numpy(batch.commands)
+
+    def _agent_pairs(self, buffer: HybridRolloutBuffer) -> tuple[dict[str, Tensor], Tensor]:
+        size = min(self.config.discriminator.samples, buffer.pos)
+        rows = self._rng.choice(buffer.pos, size=size, replace=False)
+        observations = {key: values[rows, 0] for key, values in buffer.observations.items()}
+        return _tensors(observations), torch.from_numpy(buffer.executed_actions[rows])
+
+
+def _tensors(observations: dict[str, NDArray[np.generic]]) -> dict[str, Tensor]:
+    return {key: torch.from_numpy(np.ascontiguousarray(v)) for key, v in observations.items()}

@@ -1,0 +1,357 @@
+"""Algorithm 1, from the first step of the expert to the trained agent.
+
+| line of Algorithm 1 | here |
+|---|---|
+| Observe o_t, a_t^* = FSM(o_t), execute, store | `Recorder.step_expert` |
+| Update pi_theta via BC | `Learners.clone` |
+| TrainDiffusion | `Learners.train_planner` |
+| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts` through `ControlLoop.step` |
+| r_irl, r_t | `HybridRolloutBuffer.compute_returns_and_advantage` |
+| Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.step` |
+| TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
+| should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
+| Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
+
+"t mod T = 0" is read as "after every T-th step". The last PPO update may have fewer steps than the others,
+so that the run ends at N_total exactly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from expert.replay import ReplayBuffer
+from irl_dal.checkpoint import CheckpointError, CheckpointStore
+from irl_dal.learning.behaviour_cloning import BehaviourCloning
+from irl_dal.learning.config import LearningConfig
+from irl_dal.learning.critic import warm_start_critic
+from irl_dal.learning.diffusion_training import DiffusionTraining
+from irl_dal.learning.discriminator import Discriminator
+from irl_dal.learning.experience_correction import ExperienceCorrection
+from irl_dal.learning.hybrid_reward import HybridReward, HybridRolloutBuffer, StepOutcome
+from irl_dal.learning.learners import Learners
+from irl_dal.learning.mixed_phase import MixedPhase
+from irl_dal.learning.policy import DrivingPolicy, build_ppo, driving_policy
+from irl_dal.learning.progress import Observer
+from irl_dal.learning.recorder import Recorder
+from irl_dal.learning.run_log import RunLog
+from irl_dal.loop import ControlLoop
+from irl_dal.perception import PerceptionConfig
+
+__all__ = ["Pipeline"]
+
+STREAMS = ("episodes", "policy", "replay", "rollout", "discriminator", "diffusion", "critic")
+"""Independent random streams that the seed is split into."""
+
+
+class Pipeline:
+    """Trains policy, planner and discriminator in both phases and keeps the run folder.
+
+    Args:
+        config: Schedule and sizes.
+        loop: The control loop; its planner, if it has one, is trained.
+        perception: Of the policy.
+        run_dir: Where metrics and checkpoints go.
+        seed: Everything random in learning is drawn from streams of this seed. The planner has a
+            generator of its own, which is saved and restored too.
+        observers: Are told what happens.
+        provenance: Commit, config hash, ...: kept in each checkpoint; a checkpoint with another
+            `config_hash` is refused.
+        device: Where policy and discriminator are.
+
+    Attributes:
+        step: Environment steps so far.
+        replay: D_s.
+        correction: Experience correction and its count.
+        recorder: Counts what happens.
+        learners: Policy, planner, discriminator.
+        log: Metrics and observers.
+    """
+
+    def __init__(
+        self,
+        config: LearningConfig,
+        loop: ControlLoop,
+        *,
+        perception: PerceptionConfig,
+        run_dir: Path,
+        seed: int,
+        observers: Sequence[Observer] = (),
+        provenance: Mapping[str, str] | None = None,
+        device: str = "cpu",
+    ) -> None:
+        self.config = config
+        self.step = 0
+        self.correction = ExperienceCorrection(config.saec)
+        seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
+        self._rng = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
+        self._planner = loop.supervision.planner
+        self.replay = _new_replay(config, loop)
+        self.recorder = Recorder(
+            loop, self.replay, self.correction, self._rng["episodes"], config.first_seed
+        )
+        self.hybrid = HybridReward(config.reward, config.ppo.gamma, self._judge)
+        self.learners = self._build(perception, device)
+        self.log = RunLog(run_dir, self.recorder, observers)
+        self._store = CheckpointStore(run_dir)
+        self._provenance = dict(provenance or {})
+        self._exported = 0
+        self._critic_ready = False
+
+    @property
+    def policy(self) -> DrivingPolicy:
+        """The policy in training."""
+        return driving_policy(self.learners.ppo)
+
+    def run(self) -> None:
+        """Go on from the present step to the last one and write the final checkpoint."""
+        config = self.config
+        if self.step >= config.total_steps:
+            return
+        self.learners.ppo.set_logger(self.log.open(self.step))
+        try:
+            if self.step == 0:
+                self.save()
+            if self.step < config.imitation_steps:
+                self._imitate()
+            if self.step < config.total_steps:
+                self._refine()
+            self._finish()
+        finally:
+            self.log.close()
+
+    def save(self, *, final: bool = False) -> Path:
+        """Write a checkpoint; `final` drops the replay buffer from the disk."""
+        with self.log.timed("checkpoint"):
+            folder = self._store.save(
+                self._state(final),
+                step=self.step,
+                provenance=self._provenance,
+                shard=None if final else self.replay.export_since(self._exported),
+                final=final,
+            )
+            self._exported = self.replay.counter
+        return folder
+
+    def restore(self) -> None:
+        """Go on from the newest checkpoint in the run folder; the next episode is a new one.
+
+        Raises:
+            CheckpointError: If there is none that can be used.
+        """
+        checkpoint = self._store.resume()
+        theirs = checkpoint.provenance.get("config_hash")
+        ours = self._provenance.get("config_hash", theirs)
+        if ours != theirs:
+            raise CheckpointError(f"{checkpoint.folder}: of config {theirs}, this run has {ours}")
+        saved = checkpoint.state["replay"]
+        self.replay.restore(self._store.shards(checkpoint), saved["live"], saved["counter"])
+        self._exported = saved["counter"]
+        self.step = checkpoint.step
+        self._load(checkpoint.state)
+
+    def mixed_step(self, observation: dict[str, torch.Tensor]) -> None:
+        """After each step of phase 2, before PPO stores it.
+
+        Args:
+            observation: What the policy acted upon, batched (1, ...).
+        """
+        buffer, last = self.learners.ppo.rollout_buffer, self.recorder.last
+        assert isinstance(buffer, HybridRolloutBuffer) and last is not None
+        stored = None
+        if self.correction.replaces(last.intervened):
+            stored = self.correction.expert_draw(self.policy, observation, last.label)
+        buffer.annotate(StepOutcome(last.reward, last.executed_action, last.end, stored))
+        self._advance()
+        # What is due after the very last step comes after PPO's last update, in `_finish`.
+        if self.step < self.config.total_steps:
+            self._mixed_updates()
+            self._log_if_due(phase=2)
+
+    def _build(self, perception: PerceptionConfig, device: str) -> Learners:
+        config, rng = self.config, self._rng
+        ppo = build_ppo(
+            self.recorder,
+            config.ppo,
+            perception,
+            rng=rng["policy"],
+            buffer=HybridRolloutBuffer,
+            buffer_arguments={"hybrid": self.hybrid, "rng": rng["rollout"]},
+            device=device,
+        )
+        policy = driving_policy(ppo)
+        generator = torch.Generator(policy.device)
+        generator.manual_seed(int(rng["discriminator"].integers(2**63)))
+        diffusion = None
+        if self._planner is not None:
+            diffusion = DiffusionTraining(self._planner, config.diffusion, rng["diffusion"])
+        return Learners(
+            config,
+            ppo,
+            self.replay,
+            BehaviourCloning(policy, config.cloning),
+            diffusion,
+            Discriminator(policy, config.discriminator, generator),
+            rng["replay"],
+        )
+
+    def _judge(
+        self, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
+    ) -> NDArray[np.float32] | None:
+        return self.learners.judge(observations, actions)
+
+    def _imitate(self) -> None:
+        """Phase 1: the expert drives."""
+        config, learners, log = self.config, self.learners, self.log
+        log.begin("imitation", self.step, config.imitation_steps)
+        self.recorder.reset()
+        while self.step < config.imitation_steps:
+            with log.timed("driving"):
+                _, _, terminated, truncated, _ = self.recorder.step_expert()
+                if terminated or truncated:
+                    self.recorder.reset()
+            self._advance()
+            if self.step % config.bc_interval_imitation == 0:
+                with log.timed("bc"):
+                    learners.clone(config.cloning.steps_imitation)
+            if self.step % config.diffusion_interval == 0:
+                with log.timed("planner"):
+                    learners.train_planner(config.diffusion.steps_imitation)
+            self._log_if_due(phase=1)
+            if self.step % config.checkpoint_interval == 0:
+                self.save()
+
+    def _refine(self) -> None:
+        """Phase 2: the policy drives, one PPO update at a time."""
+        config, ppo = self.config, self.learners.ppo
+        self.log.begin("mixed", self.step, config.total_steps)
+        if not self._critic_ready:
+            self._warm_start()
+            self.save()
+        while self.step < config.total_steps:
+            self._resize_rollout(min(config.ppo.n_steps, config.total_steps - self.step))
+            ppo.num_timesteps = self.step
+            callback = MixedPhase(self.mixed_step)
+            ppo.learn(ppo.n_steps, callback, log_interval=None, reset_num_timesteps=False)
+            self.log.add_time("ppo", callback.since_rollout())
+            if self.step < config.total_steps:
+                self.save()
+
+    def _finish(self) -> None:
+        """Imitation has the last word: after the last PPO update, not before it."""
+        if self.config.mixed_steps:
+            with self.log.timed("bc"):
+                self.learners.clone(self.config.cloning.steps_mixed)
+        self._log(phase=2 if self.config.mixed_steps else 1)
+        self.save(final=True)
+
+    def _mixed_updates(self) -> None:
+        config, learners, log = self.config, self.learners, self.log
+        if self.step % config.sync_interval == 0:
+            learners.sync_features()
+        if self.step % config.discriminator_interval == 0 and config.reward.w_irl > 0.0:
+            with log.timed("discriminator"):
+                learners.train_discriminator()
+        if config.planner_in_mixed and self.step % config.diffusion_interval == 0:
+            with log.timed("planner"):
+                learners.train_planner(config.diffusion.steps_mixed)
+        if self.step % config.bc_interval_mixed == 0:
+            with log.timed("bc"):
+                learners.clone(config.cloning.steps_mixed)
+
+    def _warm_start(self) -> None:
+        with self.log.timed("critic"):
+            explained = warm_start_critic(
+                self.policy,
+                self.replay,
+                gamma=self.config.ppo.gamma,
+                scale=self.hybrid.scale * self.config.reward.w_env,
+                steps=self.config.critic_steps,
+                rng=self._rng["critic"],
+            )
+        self._critic_ready = True
+        self.learners.ppo.logger.record("critic/explained_variance", explained)
+
+    def _resize_rollout(self, size: int) -> None:
+        ppo, config = self.learners.ppo, self.config.ppo
+        if size == ppo.n_steps:
+            return
+        ppo.n_steps = size
+        ppo.rollout_buffer = HybridRolloutBuffer(
+            size,
+            ppo.observation_space,
+            ppo.action_space,
+            device=ppo.device,
+            gamma=config.gamma,
+            gae_lambda=config.gae_lambda,
+            hybrid=self.hybrid,
+            rng=self._rng["rollout"],
+        )
+
+    def _advance(self) -> None:
+        self.step += 1
+        self.log.advance(self.step)
+
+    def _log_if_due(self, phase: int) -> None:
+        # The last row of a run is written by `_finish`.
+        due = self.step % self.config.log_interval == 0
+        if due and self.step < self.config.total_steps:
+            self._log(phase)
+
+    def _log(self, phase: int) -> None:
+        sizes = {f"replay/{mode.name.lower()}": n for mode, n in self.replay.sizes.items()}
+        self.log.row(self.step, phase, {"count/saec_marks": self.correction.marks} | sizes)
+
+    def _state(self, final: bool) -> dict[str, Any]:
+        learners, ppo, generator = self.learners, self.learners.ppo, self.policy.generator
+        assert generator is not None
+        return {
+            "policy": self.policy.state_dict(),
+            "ppo": {"optimizer": self.policy.optimizer.state_dict(), "updates": ppo._n_updates},
+            "exploration": generator.get_state(),
+            "cloning": learners.cloning.state_dict(),
+            "discriminator": learners.discriminator.state_dict(),
+            "diffusion": None if learners.diffusion is None else learners.diffusion.state_dict(),
+            "recorder": self.recorder.state_dict(),
+            "replay": {
+                "live": np.zeros(0, np.int64) if final else self.replay.live(),
+                "counter": self.replay.counter,
+            },
+            "rng": {name: rng.bit_generator.state for name, rng in self._rng.items()},
+            "critic_ready": self._critic_ready,
+            "seconds": dict(self.log.seconds),
+        }
+
+    def _load(self, state: Mapping[str, Any]) -> None:
+        learners, ppo, generator = self.learners, self.learners.ppo, self.policy.generator
+        assert generator is not None
+        self.policy.load_state_dict(state["policy"])
+        self.policy.optimizer.load_state_dict(state["ppo"]["optimizer"])
+        ppo._n_updates = state["ppo"]["updates"]
+        generator.set_state(state["exploration"])
+        learners.cloning.load_state_dict(state["cloning"])
+        learners.discriminator.load_state_dict(state["discriminator"])
+        if learners.diffusion is not None:
+            learners.diffusion.load_state_dict(state["diffusion"])
+        for name, rng in self._rng.items():
+            rng.bit_generator.state = state["rng"][name]
+        self.recorder.load_state_dict(state["recorder"])
+        self._critic_ready = state["critic_ready"]
+        self.log.seconds = dict(state["seconds"])
+
+
+def _new_replay(config: LearningConfig, loop: ControlLoop) -> ReplayBuffer:
+    planner, city = loop.supervision.planner, loop.city.config
+    return ReplayBuffer(
+        config.buffer_capacity,
+        horizon=1 if planner is None else planner.config.horizon,
+        image_shape=(city.image_size, city.image_size, 3),
+        beams=city.lidar_beams,
+        held_out_every=config.held_out_every,
+    )

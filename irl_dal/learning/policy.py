@@ -1,0 +1,206 @@
+"""The policy pi_theta and its PPO: stable-baselines3's, with our perception and our random source."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from stable_baselines3 import PPO
+from stable_baselines3.common.policies import MultiInputActorCriticPolicy
+from stable_baselines3.common.type_aliases import PyTorchObs
+from stable_baselines3.common.vec_env import VecTransposeImage
+from torch import Tensor, nn
+
+from expert.replay import ReplayBatch
+from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
+
+__all__ = [
+    "DrivingPolicy",
+    "PPOConfig",
+    "actor_parameters",
+    "build_policy",
+    "build_ppo",
+    "mean_action",
+    "observation_tensors",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class PPOConfig:
+    """The RL backbone (Table II unless stated).
+
+    Attributes:
+        n_steps: Steps per update.
+        batch_size: Samples per gradient step.
+        n_epochs: Passes over the steps per update.
+        gamma: Discount factor.
+        gae_lambda: GAE's lambda.
+        learning_rate: Of Adam.
+        clip_range: Of the probability ratio.
+        ent_coef: Entropy coefficient c_2.
+        vf_coef: Value loss coefficient c_1.
+        max_grad_norm: G_max.
+        initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
+            normalised units, steering and speed. Not in the paper: small, so that exploring does not
+            undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
+        hidden: Units in the two hidden layers of each head (stable-baselines3's default; the paper
+            says "lightweight MLP head").
+    """
+
+    n_steps: int = 2048
+    batch_size: int = 64
+    n_epochs: int = 10
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    learning_rate: float = 3e-4
+    clip_range: float = 0.2
+    ent_coef: float = 0.01
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+    initial_log_std: tuple[float, float] = (-3.0, -2.5)
+    hidden: int = 64
+
+    def __post_init__(self) -> None:
+        for name in ("n_steps", "batch_size", "n_epochs", "hidden"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        if not 0.0 <= self.gamma < 1.0:
+            raise ValueError(f"`gamma` must be in [0, 1). Got {self.gamma}.")
+        if not 0.0 <= self.gae_lambda <= 1.0:
+            raise ValueError(f"`gae_lambda` must be in [0, 1]. Got {self.gae_lambda}.")
+
+
+class DrivingPolicy(MultiInputActorCriticPolicy):
+    """Actor and critic on shared features, exploring with noise from its own generator.
+
+    Attributes:
+        generator: Source of the exploration noise; torch's global one while None.
+    """
+
+    generator: torch.Generator | None = None
+
+    def forward(self, obs: PyTorchObs, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+        """Act.
+
+        Returns:
+            Actions (B, 2), values (B, 1), log-probabilities (B,).
+        """
+        latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
+        distribution = self._get_action_dist_from_latent(latent_pi)
+        actions = distribution.mode()
+        if not deterministic:
+            noise = torch.randn(actions.shape, generator=self.generator, device=actions.device)
+            actions = actions + self.log_std.exp() * noise
+        return actions, self.value_net(latent_vf), distribution.log_prob(actions)
+
+
+def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[str, Any]:
+    """Keyword arguments of `DrivingPolicy`."""
+    return {
+        "features_extractor_class": DrivingFeaturesExtractor,
+        "features_extractor_kwargs": {"config": perception},
+        "net_arch": {"pi": [config.hidden] * 2, "vf": [config.hidden] * 2},
+    }
+
+
+def build_ppo(
+    env: gymnasium.Env[Any, Any],
+    config: PPOConfig,
+    perception: PerceptionConfig,
+    *,
+    rng: np.random.Generator,
+    buffer: type[Any],
+    buffer_arguments: Mapping[str, Any],
+    device: str = "cpu",
+) -> PPO:
+    """stable-baselines3's PPO around our policy and rollout buffer, initialised from `rng`."""
+    # The networks draw their first weights from torch's global generator: lend it a seed of ours.
+    with torch.random.fork_rng():
+        torch.manual_seed(int(rng.integers(2**63)))
+        ppo = PPO(
+            DrivingPolicy,
+            env,
+            learning_rate=config.learning_rate,
+            n_steps=config.n_steps,
+            batch_size=config.batch_size,
+            n_epochs=config.n_epochs,
+            gamma=config.gamma,
+            gae_lambda=config.gae_lambda,
+            clip_range=config.clip_range,
+            ent_coef=config.ent_coef,
+            vf_coef=config.vf_coef,
+            max_grad_norm=config.max_grad_norm,
+            rollout_buffer_class=buffer,
+            rollout_buffer_kwargs=dict(buffer_arguments),
+            policy_kwargs=policy_arguments(config, perception),
+            device=device,
+        )
+    policy = driving_policy(ppo)
+    policy.generator = torch.Generator(policy.device).manual_seed(int(rng.integers(2**63)))
+    _explore_little(policy, config)
+    return ppo
+
+
+def driving_policy(ppo: PPO) -> DrivingPolicy:
+    """The policy of a PPO that `build_ppo` made."""
+    assert isinstance(ppo.policy, DrivingPolicy)
+    return ppo.policy
+
+
+def build_policy(
+    observation_space: gymnasium.spaces.Dict,
+    action_space: gymnasium.spaces.Box,
+    config: PPOConfig,
+    perception: PerceptionConfig,
+) -> DrivingPolicy:
+    """A policy without PPO around it, to load a trained one into: `predict` takes the city's observations.
+
+    Args:
+        observation_space: The city's, images channels last.
+        action_space: The city's.
+        config: Sizes of the heads.
+        perception: Of the extractor.
+    """
+    spaces = dict(observation_space.spaces)
+    image = spaces["image"]
+    assert isinstance(image, gymnasium.spaces.Box)
+    # What PPO's own wrapper does to the space, so that both policies have the same weights.
+    spaces["image"] = VecTransposeImage.transpose_space(image, "image")
+    return DrivingPolicy(
+        gymnasium.spaces.Dict(spaces),
+        action_space,
+        lambda _: config.learning_rate,
+        **policy_arguments(config, perception),
+    )
+
+
+def observation_tensors(batch: ReplayBatch, device: torch.device | str) -> dict[str, Tensor]:
+    """A replay batch as the policy wants it: images (B, 3, 64, 64) uint8, lidar [m], speed [m/s]."""
+    return {
+        "image": torch.from_numpy(batch.images).permute(0, 3, 1, 2).to(device),
+        "lidar": torch.from_numpy(batch.lidar).to(device),
+        "speed": torch.from_numpy(batch.speeds).to(device),
+    }
+
+
+def mean_action(policy: MultiInputActorCriticPolicy, observation: dict[str, Tensor]) -> Tensor:
+    """The policy's mean action (B, 2), normalised, not clipped."""
+    return policy.get_distribution(observation).mode()
+
+
+def actor_parameters(policy: MultiInputActorCriticPolicy) -> list[nn.Parameter]:
+    """Every parameter between an observation and the mean action, the mask's alphas included."""
+    actor = (policy.features_extractor, policy.mlp_extractor.policy_net, policy.action_net)
+    return [parameter for module in actor for parameter in module.parameters()]
+
+
+def _explore_little(policy: DrivingPolicy, config: PPOConfig) -> None:
+    with torch.no_grad():
+        policy.log_std.copy_(torch.tensor(config.initial_log_std))

@@ -1,0 +1,103 @@
+"""Who watches a training run: an interface, and a progress bar in the terminal."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from typing import Protocol
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+__all__ = ["Observer", "ProgressBar"]
+
+SHOWN = {
+    "rollout/success_rate": "success {:.0%}",
+    "rollout/episode_return": "return {:.0f}",
+    "bc/loss": "BC {:.4f}",
+    "planner/loss": "planner {:.3f}",
+    "rollout/intervention_rate": "planner on {:.1%}",
+    "discriminator/accuracy": "D {:.0%}",
+    "count/command_violations": "violations {:.0f}",
+}
+"""Key metrics of the bar, in this order."""
+
+
+class Observer(Protocol):
+    """Is told what a pipeline does; must not disturb it."""
+
+    def begin(self, phase: str, step: int, last: int) -> None:
+        """A phase begins at `step` and ends at `last`."""
+
+    def advance(self, step: int) -> None:
+        """`step` environment steps are done."""
+
+    def metrics(self, step: int, values: Mapping[str, float]) -> None:
+        """A row of metrics was written."""
+
+    def end(self) -> None:
+        """The run is over, complete or not."""
+
+
+class ProgressBar:
+    """Phase, bar, steps per second, time left and key metrics; lines where there is no terminal.
+
+    Args:
+        console: Where to draw; the standard output by default.
+        every: Rows of metrics per line where there is no terminal.
+    """
+
+    def __init__(self, console: Console | None = None, every: int = 4) -> None:
+        self.console = console or Console()
+        self.every = every
+        self._shown: dict[str, float] = {}
+        self._rows = 0
+        self._phase = ""
+        self._last = 0
+        self._clock = (0, time.monotonic())
+        self._bar = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TextColumn("{task.fields[speed]:.0f} steps/s"),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[metrics]}"),
+            console=self.console,
+            refresh_per_second=4,
+        )
+        self._task = None if not self.console.is_terminal else self._bar.add_task(
+            "", total=None, speed=0.0, metrics=""
+        )
+
+    def begin(self, phase: str, step: int, last: int) -> None:
+        """Show the phase."""
+        self._phase, self._last = phase, last
+        self._clock = (step, time.monotonic())
+        if self._task is None:
+            self.console.print(f"{phase}: {step} of {last} steps")
+            return
+        self._bar.start()
+        self._bar.reset(self._task, description=phase, completed=step, total=last)
+
+    def advance(self, step: int) -> None:
+        """Move the bar."""
+        if self._task is not None:
+            self._bar.update(self._task, completed=step)
+
+    def metrics(self, step: int, values: Mapping[str, float]) -> None:
+        """Show the newest of the key metrics."""
+        self._shown |= {key: float(value) for key, value in values.items() if key in SHOWN}
+        text = "  ".join(form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown)
+        then, now = self._clock, (step, time.monotonic())
+        speed = (now[0] - then[0]) / max(now[1] - then[1], 1e-9)
+        self._rows += 1
+        if self._task is not None:
+            self._clock = now
+            self._bar.update(self._task, completed=step, speed=speed, metrics=text)
+        elif self._rows % self.every == 0:
+            self._clock = now
+            self.console.print(f"{self._phase}  {step}/{self._last}  {speed:.0f} steps/s  {text}")
+
+    def end(self) -> None:
+        """Take the bar away."""
+        self._bar.stop()

@@ -1,0 +1,131 @@
+"""What a run says of itself: one row of metrics now and then, timings, and the observers.
+
+Columns of `metrics.csv`; a cell is empty where the row has nothing new to say.
+
+| column | meaning |
+|---|---|
+| `step`, `phase` | environment steps so far; 1 imitation, 2 mixed |
+| `rollout/env_reward` | mean environment reward per step since the last row |
+| `rollout/episode_return`, `rollout/success_rate` | means over the newest 20 episodes |
+| `rollout/intervention_rate`, `rollout/shield_rate` | share of steps since the last row on which the planner was triggered, the shield changed the command |
+| `rollout/action_similarity` | 1 - mean abs(a_pi - a*) / 2 since the last row, exploration included |
+| `bc/train_loss`, `bc/loss`, `bc/loss_<mode>` | training loss with L2; held-out loss, all modes and each |
+| `mask/alpha_speed`, `mask/alpha_lidar` | the adaptive mask's parameters |
+| `planner/train_loss`, `planner/loss` | denoising loss, training and held out |
+| `discriminator/loss`, `/accuracy`, `/expert_logit`, `/agent_logit` | of the newest update |
+| `reward/env`, `reward/imitation`, `reward/failures` | means of r_env and r_irl, failures, per rollout |
+| `train/...` | stable-baselines3's own |
+| `count/...` | what happened so far: see `Counts`; `count/saec_marks` |
+| `replay/<mode>` | transitions in each partition |
+| `time/total`, `time/<part>`, `time/steps_per_second` | seconds so far; speed since the last row |
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, replace
+from pathlib import Path
+
+from stable_baselines3.common.logger import Logger
+
+from irl_dal.learning.metrics import metrics_logger
+from irl_dal.learning.progress import Observer
+from irl_dal.learning.recorder import Counts, Recorder
+
+__all__ = ["RunLog"]
+
+
+class RunLog:
+    """Writes the rows and tells the observers.
+
+    Args:
+        run_dir: Run folder.
+        recorder: Counts what happens.
+        observers: Are told.
+
+    Attributes:
+        seconds: Time spent so far, all of it (`total`) and by part.
+    """
+
+    def __init__(self, run_dir: Path, recorder: Recorder, observers: Sequence[Observer]) -> None:
+        self.seconds: dict[str, float] = {"total": 0.0}
+        self._run_dir = run_dir
+        self._recorder = recorder
+        self._observers = tuple(observers)
+        self._counts = Counts()
+        self._row_at = self._started = 0.0
+        self._logger: Logger | None = None
+
+    def open(self, step: int) -> Logger:
+        """Go on writing after `step`; gives the logger that PPO and the learners record into."""
+        self._logger = metrics_logger(self._run_dir, step)
+        self._counts = replace(self._recorder.counts)
+        self._row_at = time.monotonic()
+        self._started = self._row_at - self.seconds["total"]
+        return self._logger
+
+    def close(self) -> None:
+        """No more rows."""
+        if self._logger is not None:
+            self._logger.close()
+        for observer in self._observers:
+            observer.end()
+
+    def begin(self, phase: str, step: int, last: int) -> None:
+        """A phase begins."""
+        for observer in self._observers:
+            observer.begin(phase, step, last)
+
+    def advance(self, step: int) -> None:
+        """A step is done."""
+        for observer in self._observers:
+            observer.advance(step)
+
+    @contextmanager
+    def timed(self, part: str) -> Iterator[None]:
+        """Add the time of a block to a part."""
+        begin = time.monotonic()
+        yield
+        self.add_time(part, time.monotonic() - begin)
+
+    def add_time(self, part: str, seconds: float) -> None:
+        """Add to the time of a part."""
+        self.seconds[part] = self.seconds.get(part, 0.0) + seconds
+
+    def row(self, step: int, phase: int, more: Mapping[str, float]) -> None:
+        """Write a row: what was recorded since the last one, rates, counts and `more`."""
+        assert self._logger is not None, "`open` comes first"
+        now = time.monotonic()
+        self.seconds["total"] = now - self._started
+        values = {"phase": float(phase)} | self._rates(phase, now) | self._totals() | dict(more)
+        for name, value in values.items():
+            self._logger.record(name, value)
+        written = dict(self._logger.name_to_value)
+        self._logger.dump(step)
+        self._counts, self._row_at = replace(self._recorder.counts), now
+        for observer in self._observers:
+            observer.metrics(step, written)
+
+    def _rates(self, phase: int, now: float) -> dict[str, float]:
+        added = self._recorder.counts.minus(self._counts)
+        steps = max(added.steps, 1)
+        rates = {
+            "time/steps_per_second": added.steps / max(now - self._row_at, 1e-9),
+            "rollout/env_reward": added.reward / steps,
+            "rollout/intervention_rate": added.triggers / steps,
+            "rollout/shield_rate": added.shield_corrections / steps,
+        }
+        if phase == 2:
+            rates["rollout/action_similarity"] = 1.0 - added.disagreement / steps
+        return rates
+
+    def _totals(self) -> dict[str, float]:
+        counts = self._recorder.counts
+        totals = {f"count/{k}": v for k, v in asdict(counts).items() if isinstance(v, int)}
+        totals |= {f"time/{part}": seconds for part, seconds in self.seconds.items()}
+        if counts.episodes:
+            totals["rollout/episode_return"] = self._recorder.episode_return
+            totals["rollout/success_rate"] = self._recorder.success_rate
+        return totals

@@ -1,0 +1,14 @@
+"""Perception: what the policy sees, with the learnable adaptive mask of the paper."""
+
+from irl_dal.perception.adaptive_mask import LearnableAdaptiveMask
+from irl_dal.perception.config import MaskNormalisation, PerceptionConfig
+from irl_dal.perception.encoder import DrivingFeaturesExtractor, ImageEncoder, LidarEncoder
+
+__all__ = [
+    "DrivingFeaturesExtractor",
+    "ImageEncoder",
+    "LearnableAdaptiveMask",
+    "LidarEncoder",
+    "MaskNormalisation",
+    "PerceptionConfig",
+]

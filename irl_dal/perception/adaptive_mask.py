@@ -1,0 +1,77 @@
+"""The paper's learnable adaptive mask (LAM): a vertical gradient that grows with speed and hazard.
+
+| variable             | paper                | equation           |
+|----------------------|----------------------|--------------------|
+| `speed_level`        | v_t^norm             | speed_norm         |
+| `hazard_level`       | h_t                  | hazard_level       |
+| `alpha_speed`        | alpha_speed          | modulation_factors |
+| `alpha_lidar`        | alpha_lidar          | modulation_factors |
+| `lower`              | w_lower              | lower_weight       |
+| `mask` before / after| M_t / M-hat_t        | mask_gradient / mask_norm |
+"""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor, nn
+
+from irl_dal.perception.config import PerceptionConfig
+
+EPSILON = 1e-6
+"""The epsilon of Eq. mask_norm."""
+
+
+class LearnableAdaptiveMask(nn.Module):
+    """Mask over the image rows, driven by speed and by the nearest LiDAR return.
+
+    The base weight is 0 at the top row and 1 at the bottom row. Learning moves only the two alphas.
+
+    Args:
+        config: Scales and the normalisation.
+    """
+
+    def __init__(self, config: PerceptionConfig) -> None:
+        super().__init__()
+        self.config = config
+        self.alpha_speed = nn.Parameter(torch.tensor(config.initial_alpha))
+        self.alpha_lidar = nn.Parameter(torch.tensor(config.initial_alpha))
+
+    def speed_level(self, speed: Tensor) -> Tensor:
+        """Eq. speed_norm: speed [m/s] of any shape to [0, 1]."""
+        return (speed / self.config.max_speed).clamp(0.0, 1.0)
+
+    def hazard_level(self, lidar: Tensor) -> Tensor:
+        """Eq. hazard_level: scan (B, n) [m] to (B, 1) in [0, 1]; 1 is contact."""
+        nearest = lidar.amin(dim=1, keepdim=True).clamp(max=self.config.max_range)
+        safe = self.config.safe_distance
+        return ((safe - nearest) / safe).clamp(0.0, 1.0)
+
+    def lower_weight(self, speed_level: Tensor, hazard_level: Tensor) -> Tensor:
+        """Eqs. modulation_factors and lower_weight, elementwise."""
+        speed_factor = 1.0 + self.alpha_speed * speed_level
+        hazard_factor = 1.0 + self.alpha_lidar * hazard_level
+        return speed_factor * hazard_factor
+
+    def largest_weight(self) -> Tensor:
+        """The largest lower weight over all speeds and hazards, for alphas of at least -1."""
+        return (1.0 + self.alpha_speed.clamp(min=0.0)) * (1.0 + self.alpha_lidar.clamp(min=0.0))
+
+    def forward(self, speed: Tensor, lidar: Tensor, rows: int) -> Tensor:
+        """Mask of every row.
+
+        Args:
+            speed: Speed (B, 1) [m/s].
+            lidar: Scan (B, n) [m].
+            rows: Image height, at least 2.
+
+        Returns:
+            M-hat_t of shape (B, 1, rows, 1), in [0, 1].
+        """
+        lower = self.lower_weight(self.speed_level(speed), self.hazard_level(lidar))
+        ramp = torch.linspace(0.0, 1.0, rows, dtype=lower.dtype, device=lower.device)
+        mask = lower * ramp  # Eq. mask_gradient, (B, rows)
+        if self.config.normalisation == "printed":
+            mask = mask / (mask.amax(dim=1, keepdim=True) + EPSILON)
+        else:
+            mask = (mask / (self.largest_weight() + EPSILON)).clamp(0.0, 1.0)
+        return mask[:, None, :, None]

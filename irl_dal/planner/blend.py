@@ -1,0 +1,125 @@
+"""How much of the planner's action reaches the car, Eqs. blend_critical, blend_hazard, final_blend.
+
+| variable           | paper           | equation       |
+|--------------------|-----------------|----------------|
+| `clearance`        | d_min,t         | blend_hazard   |
+| `lane_deviation`   | d_lane,t        | blend_hazard   |
+| `distance_scale`   | s_1             | blend_hazard   |
+| `deviation_scale`  | s_2             | blend_hazard   |
+| `base`, `slope`    | w_base^blend, w_scale^blend | blend_critical |
+| weight             | w_b             | final_blend    |
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class BlendConfig:
+    """Numbers of the blend.
+
+    Attributes:
+        critical_clearance: d_critical (Table II) [m]; nearer than this the planner drives alone.
+        base: w_base^blend; the paper does not give it.
+        slope: w_scale^blend; the paper does not give it.
+        distance_scale: s_1 (Table II) [m].
+        deviation_scale: s_2 [m]: Table II's 20 px at 1 px for 1 cm.
+        deviation_gain: k_tanh (Table II).
+        smoothing: Share of the new weight in its exponential moving average; 1 switches the
+            average off. The paper does not give it.
+        smooth_critical: Whether the average also delays the critical weight, as the paper's words
+            can be read. By default the critical weight holds at once.
+
+    Raises:
+        ValueError: A value that cannot be meant.
+    """
+
+    critical_clearance: float = 1.5
+    base: float = 0.3
+    slope: float = 0.7
+    distance_scale: float = 2.0
+    deviation_scale: float = 0.2
+    deviation_gain: float = 0.3
+    smoothing: float = 0.5
+    smooth_critical: bool = False
+
+    def __post_init__(self) -> None:
+        for name in ("distance_scale", "deviation_scale"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"`{name}` must be finite and positive. Got {value}.")
+        for name in ("critical_clearance", "slope", "deviation_gain"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"`{name}` must be finite and not negative. Got {value}.")
+        if not 0.0 <= self.base <= 1.0:
+            raise ValueError(f"`base` must be in [0, 1]. Got {self.base}.")
+        if not 0.0 < self.smoothing <= 1.0:
+            raise ValueError(f"`smoothing` must be in (0, 1]. Got {self.smoothing}.")
+
+
+class ActionBlend:
+    """The blend weight w_b with its moving average.
+
+    Args:
+        config: Numbers of the blend.
+    """
+
+    def __init__(self, config: BlendConfig | None = None) -> None:
+        self.config = BlendConfig() if config is None else config
+        self._average: float | None = None
+
+    def reset(self) -> None:
+        """Forget the average: at the start of an episode and when the trigger releases."""
+        self._average = None
+
+    def hazard(self, clearance: float, lane_deviation: float) -> float:
+        """Eq. blend_hazard; clearance and lane deviation in metres."""
+        config = self.config
+        near = math.exp(-max(0.0, clearance) / config.distance_scale)
+        astray = math.tanh(abs(lane_deviation) / config.deviation_scale)
+        return near + config.deviation_gain * astray
+
+    def instantaneous(self, clearance: float, lane_deviation: float) -> float:
+        """Eq. blend_critical, limited to [0, 1]. What is not a number counts as the worst."""
+        clearance = 0.0 if math.isnan(clearance) else clearance
+        lane_deviation = math.inf if math.isnan(lane_deviation) else lane_deviation
+        if clearance < self.config.critical_clearance:
+            return 1.0
+        weight = self.config.base + self.config.slope * self.hazard(clearance, lane_deviation)
+        return min(1.0, weight)
+
+    def weight(self, clearance: float, lane_deviation: float, *, triggered: bool = True) -> float:
+        """The smoothed w_b of this step.
+
+        Args:
+            clearance: d_min [m]; NaN counts as contact.
+            lane_deviation: d_lane [m], of either sign; NaN counts as lost.
+            triggered: False when the planner is not used on this step: the weight is 0 and the
+                average is forgotten.
+
+        Returns:
+            Share of the planner's action, in [0, 1].
+        """
+        if not triggered:
+            self.reset()
+            return 0.0
+        weight = self.instantaneous(clearance, lane_deviation)
+        critical = clearance < self.config.critical_clearance or math.isnan(clearance)
+        if self._average is None or (critical and not self.config.smooth_critical):
+            self._average = weight
+        else:
+            self._average += self.config.smoothing * (weight - self._average)
+        return self._average
+
+    @staticmethod
+    def blend(planned: Array, nominal: Array, weight: float) -> Array:
+        """Eq. final_blend: weight * planned + (1 - weight) * nominal, both (2,) in one unit."""
+        return np.asarray(weight * planned + (1.0 - weight) * nominal, dtype=np.float64)

@@ -1,0 +1,182 @@
+"""What a plan depends on, and its 64 numbers for the network (the paper's c_t)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shield import ClearanceEstimate, LaneEstimate
+
+Array = NDArray[np.float64]
+
+CONTEXT_SIZE = 64
+"""Table II of the paper's text: c_t has 64 entries."""
+
+BEAMS = 180
+"""LiDAR beams over 180 degrees, counter-clockwise from the right."""
+
+BEAM_ANGLES = np.linspace(-math.pi / 2.0, math.pi / 2.0, BEAMS)
+BEAM_ANGLES.setflags(write=False)
+
+MAX_RANGE = 40.0
+"""Reading of a beam without a return [m]."""
+
+SECTORS = 30
+"""Six beams each; of every sector the nearest return is kept."""
+
+HAZARD_SCALE = 3.0
+"""s_h of Table II [m]."""
+
+_SPEED, _STEERING, _OFFSET, _HEADING = 12.0, 0.5, 3.5, 0.3  # m/s, rad, m, rad
+_CURVATURE, _CURVATURE_RATE = 0.05, 0.005  # 1/m, 1/m^2
+_NEAR, _AGE, _RANGE_STD, _OFFSET_STD = 5.0, 1.0, 1.0, 0.5  # m, s, m, m
+_LARGEST = 3.0
+
+HAZARD, CLEARANCE, CLOSING_SPEED, CLEARANCE_STD, CLEARANCE_VALID = 0, 1, 2, 3, 4
+LATERAL_OFFSET, HEADING_ERROR, CURVATURE, CURVATURE_RATE, LANE_DEVIATION = 5, 6, 7, 8, 9
+OFFSET_STD, LANE_AGE, LANE_VALID = 10, 11, 12
+SPEED, PREVIOUS_STEERING, PREVIOUS_SPEED = 13, 14, 15
+SECTOR_START = 16
+SCAN_MEAN, SCAN_STD, SCAN_RETURNS, NEAREST_BEARING = 46, 47, 48, 49
+"""Places of the entries; from 50 on they are unused and zero."""
+
+
+def hazard(clearance: float) -> float:
+    """The energies' hazard level h_t = clamp(1 - tanh(d_min / s_h), 0, 1); d_min in metres."""
+    return min(1.0, max(0.0, 1.0 - math.tanh(clearance / HAZARD_SCALE)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanningContext:
+    """Everything a plan is made from, in physical units.
+
+    Attributes:
+        scan: LiDAR ranges (180,) [m].
+        clearance: Filtered minimum clearance and closing speed.
+        lane: Filtered lane pose.
+        speed: Measured speed [m/s].
+        previous: Last executed command (2,) [rad, m/s].
+        expert_reference: The expert's commands (H, 2) [rad, m/s], or None.
+        lane_centres: Admissible lane centres, as lateral offsets [m].
+
+    Raises:
+        ValueError: A wrong shape, or no lane centre. Values are not judged here.
+    """
+
+    scan: Array
+    clearance: ClearanceEstimate
+    lane: LaneEstimate
+    speed: float
+    previous: Array
+    expert_reference: Array | None = None
+    lane_centres: tuple[float, ...] = field(default=(0.0, 3.5))
+
+    def __post_init__(self) -> None:
+        scan, previous = _read_only(self.scan), _read_only(self.previous)
+        if scan.shape != (BEAMS,):
+            raise ValueError(f"`scan` must have shape ({BEAMS},). Got {scan.shape}.")
+        if previous.shape != (2,):
+            raise ValueError(f"`previous` must have shape (2,). Got {previous.shape}.")
+        if not self.lane_centres:
+            raise ValueError("`lane_centres` must name at least one lane. Got ().")
+        object.__setattr__(self, "scan", scan)
+        object.__setattr__(self, "previous", previous)
+        if self.expert_reference is not None:
+            reference = _read_only(self.expert_reference)
+            if reference.ndim != 2 or reference.shape[1] != 2:
+                raise ValueError(
+                    f"`expert_reference` must have shape (H, 2). Got {reference.shape}."
+                )
+            object.__setattr__(self, "expert_reference", reference)
+
+    @property
+    def nearest(self) -> float:
+        """The paper's d_min [m]: the tracked clearance, or the scan's minimum without one."""
+        if self.clearance.valid:
+            return float(self.clearance.clearance)
+        return float(self.scan.min())
+
+    @property
+    def lane_deviation(self) -> float:
+        """Signed distance to the nearest admissible lane centre [m], positive to its left."""
+        offset = float(self.lane.lateral_offset)
+        return min((offset - centre for centre in self.lane_centres), key=abs)
+
+    @property
+    def finite(self) -> bool:
+        """Whether everything that a plan uses is a finite number."""
+        numbers = [self.speed]
+        if self.clearance.valid:
+            numbers += [self.clearance.clearance, self.clearance.closing_speed, self.clearance.std]
+        if self.lane.valid:
+            lane = self.lane
+            numbers += [lane.lateral_offset, lane.heading_error, lane.curvature]
+            numbers += [lane.curvature_rate, lane.offset_std]
+        arrays = [self.scan, self.previous, np.array(numbers)]
+        if self.expert_reference is not None:
+            arrays.append(self.expert_reference)
+        return all(bool(np.isfinite(array).all()) for array in arrays)
+
+    def encode(self) -> NDArray[np.float32]:
+        """The paper's c_t.
+
+        Estimates that are not valid read as zero with their flag at zero. Everything is scaled to
+        about [-1, 1] and clipped to [-3, 3]; NaN stays NaN.
+
+        Returns:
+            (64,) float32.
+        """
+        code = np.zeros(CONTEXT_SIZE)
+        self._encode_clearance(code)
+        self._encode_lane(code)
+        code[SPEED] = self.speed / _SPEED
+        code[PREVIOUS_STEERING] = self.previous[0] / _STEERING
+        code[PREVIOUS_SPEED] = self.previous[1] / _SPEED
+        self._encode_scan(code)
+        return np.clip(code, -_LARGEST, _LARGEST).astype(np.float32)
+
+    def _encode_clearance(self, code: Array) -> None:
+        """Hazard level, clearance and closing speed."""
+        nearest = self.nearest
+        code[HAZARD] = hazard(nearest)
+        code[CLEARANCE] = nearest / MAX_RANGE
+        if self.clearance.valid:
+            code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
+            code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
+            code[CLEARANCE_VALID] = 1.0
+
+    def _encode_lane(self, code: Array) -> None:
+        """Lane pose and its quality."""
+        lane = self.lane
+        code[LANE_AGE] = min(float(lane.age) / _AGE, _LARGEST)
+        if not lane.valid:
+            return
+        code[LATERAL_OFFSET] = lane.lateral_offset / _OFFSET
+        code[HEADING_ERROR] = lane.heading_error / _HEADING
+        code[CURVATURE] = lane.curvature / _CURVATURE
+        code[CURVATURE_RATE] = lane.curvature_rate / _CURVATURE_RATE
+        code[LANE_DEVIATION] = self.lane_deviation / (0.5 * _OFFSET)
+        code[OFFSET_STD] = lane.offset_std / _OFFSET_STD
+        code[LANE_VALID] = 1.0
+
+    def _encode_scan(self, code: Array) -> None:
+        """LiDAR statistics; nearness d_0 / (d_0 + d) keeps the resolution where it matters."""
+        ranges = np.clip(self.scan, 0.0, MAX_RANGE)
+        nearest = ranges.reshape(SECTORS, -1).min(axis=1)
+        code[SECTOR_START : SECTOR_START + SECTORS] = _NEAR / (_NEAR + nearest)
+        code[SCAN_MEAN] = ranges.mean() / MAX_RANGE
+        code[SCAN_STD] = ranges.std() / MAX_RANGE
+        returned = ranges < MAX_RANGE
+        code[SCAN_RETURNS] = returned.mean()
+        if returned.any():
+            code[NEAREST_BEARING] = BEAM_ANGLES[int(np.argmin(ranges))] / (0.5 * math.pi)
+
+
+def _read_only(values: Array) -> Array:
+    """A read-only double-precision copy."""
+    array = np.array(values, dtype=np.float64)
+    array.setflags(write=False)
+    return array

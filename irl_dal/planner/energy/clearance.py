@@ -1,0 +1,137 @@
+"""Obstacle avoidance, E_lidar."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, PlanningContext, hazard
+from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
+from irl_dal.planner.energy.config import EnergyConfig
+from irl_dal.planner.rollout import EgoRollout
+from shield import ActuatorLimits
+
+LIDAR_POSITION = 3.6
+"""From the rear axle to the LiDAR at the front bumper [m]."""
+
+DISC_CENTRES = np.array([-0.15, 1.35, 2.85])
+"""From the rear axle to the centres of the discs that cover the car (4.5 m x 1.8 m) [m]."""
+DISC_CENTRES.setflags(write=False)
+
+DISC_RADIUS = 1.172
+"""Half the diagonal of a third of the car [m]."""
+
+OBJECT_SIZE = 3.0
+"""Returns within this distance of the nearest one move with it [m]; about a car."""
+
+
+class ClearanceEnergy(Energy):
+    r"""Mean over the roll-out of :math:`w_{lidar} \max(0, (d_{safe} - d_i) / s_{lidar})^2`.
+
+    d_i is the distance from the car's outline, three discs, to the nearest of the scan's points at
+    that time; :math:`w_{lidar} = w_{base} (1 + h_t)`. The object that the tracked clearance
+    belongs to moves along its line of sight with the speed that explains the closing speed; the
+    other points rest. Points that no plan can come near to are left out.
+    """
+
+    name = "lidar"
+
+    def __init__(
+        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
+    ) -> None:
+        super().__init__(context, config, limits, horizon)
+        self._weight = clearance_weight(context, config)
+        points, velocities = self._reachable(*scan_points(context))
+        times = limits.dt * np.arange(1, horizon + 1)
+        moving = points + times[:, None, None] * velocities  # (H, P, 2)
+        self._east = moving[:, None, :, 0].copy()
+        self._north = moving[:, None, :, 1].copy()
+
+    @property
+    def active(self) -> bool:
+        """Whether any point can come near."""
+        return self._east.shape[2] > 0 and self._weight > 0
+
+    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+        """Energies (B,) and gradients (B, H, 2)."""
+        ego = EgoRollout.of(plans.commands, self.limits.wheelbase, self.limits.dt)
+        distance, east, north, disc = self._nearest(ego)
+        gap = self.config.safe_clearance - (distance - DISC_RADIUS)
+        gap = np.maximum(gap, 0.0) / self.config.clearance_scale
+        factor = self._weight / gap.shape[1]
+        value = factor * np.einsum("bh,bh->b", gap, gap)
+        # d(value) / d(distance) along the unit vector from the point to the disc.
+        pull = -2.0 * factor / self.config.clearance_scale * gap / np.maximum(distance, 1e-9)
+        dx, dy = pull * east, pull * north
+        dheading = disc * (dy * np.cos(ego.heading) - dx * np.sin(ego.heading))
+        return value, self._per_action(ego.pull_back(dx, dy, dheading))
+
+    def _nearest(self, ego: EgoRollout) -> tuple[Array, Array, Array, Array]:
+        """Distance, its two components (disc minus point) and the disc's place, each (B, H)."""
+        batch, horizon = ego.x.shape
+        cos, sin = np.cos(ego.heading), np.sin(ego.heading)
+        x = ego.x[..., None] + cos[..., None] * DISC_CENTRES  # (B, H, discs)
+        y = ego.y[..., None] + sin[..., None] * DISC_CENTRES
+        east = x[..., None] - self._east
+        north = y[..., None] - self._north
+        squared = east * east
+        squared += north * north
+        nearest = squared.reshape(batch * horizon, -1).argmin(axis=1)
+        count = squared.shape[2] * squared.shape[3]
+        picked = nearest + count * np.arange(batch * horizon)
+        shape = (batch, horizon)
+        disc = DISC_CENTRES[nearest // squared.shape[3]]
+        return (
+            np.sqrt(squared.ravel()[picked]).reshape(shape),
+            east.ravel()[picked].reshape(shape),
+            north.ravel()[picked].reshape(shape),
+            disc.reshape(shape),
+        )
+
+    def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
+        """The points that can come within the safe clearance during the horizon."""
+        reach = DISC_CENTRES[-1] + DISC_RADIUS + self.config.safe_clearance
+        own = max(abs(self.limits.max_speed), abs(self.limits.min_speed))
+        speed = own + np.linalg.norm(velocities, axis=1)
+        longest = self.horizon * self.limits.dt
+        near = np.linalg.norm(points, axis=1) < reach + speed * longest
+        return points[near], velocities[near]
+
+
+class PrintedClearanceEnergy(ConstantEnergy):
+    r"""The paper's :math:`w_{lidar} \max(0, (d_{safe} - d_{min,t}) / s_{lidar})^2`."""
+
+    name = "lidar"
+
+    def constant(self) -> float:
+        """Energy of the present clearance."""
+        gap = (self.config.safe_clearance - self.context.nearest) / self.config.clearance_scale
+        return clearance_weight(self.context, self.config) * max(0.0, gap) ** 2
+
+
+def clearance_weight(context: PlanningContext, config: EnergyConfig) -> float:
+    """The risk-adaptive w_lidar."""
+    return config.clearance_weight * (1.0 + hazard(context.nearest))
+
+
+def scan_points(context: PlanningContext) -> tuple[Array, Array]:
+    """The scan's returns in the frame of the rear axle.
+
+    Args:
+        context: With the scan, the tracked clearance and the speed.
+
+    Returns:
+        Positions (P, 2) [m] and velocities over ground (P, 2) [m/s].
+    """
+    returned = context.scan < MAX_RANGE
+    ranges, angles = context.scan[returned], BEAM_ANGLES[returned]
+    rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
+    points = ranges[:, None] * rays
+    velocities = np.zeros_like(points)
+    if len(points) and context.clearance.valid:
+        nearest = int(np.argmin(ranges))
+        # closing = own speed along the line of sight - the object's speed along it
+        away = context.speed * rays[nearest, 0] - float(context.clearance.closing_speed)
+        together = np.linalg.norm(points - points[nearest], axis=1) < OBJECT_SIZE
+        velocities[together] = away * rays[nearest]
+    points[:, 0] += LIDAR_POSITION
+    return points, velocities

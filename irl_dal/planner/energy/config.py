@@ -1,0 +1,73 @@
+"""The energies' numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+EnergyForms = Literal["rollout", "printed"]
+
+
+@dataclass(frozen=True, slots=True)
+class EnergyConfig:
+    """Weights and scales of Eq. dal_energy.
+
+    Attributes:
+        forms: `rollout` judges where the plan takes the car; `printed` uses the paper's lane and
+            obstacle terms, which do not depend on the plan.
+        lane_weight: w_base^lane; the paper does not give it.
+        lane_hazard_gain: alpha_hazard of the lane weight; the paper does not give it.
+        lane_scale: s_lane (Table II) [m].
+        lane_preview: The plan's target is the lane centre nearest to where its last heading leads
+            within this time [s], so that guidance does not undo a change of lane; 0 takes the
+            centre nearest to each predicted offset.
+        clearance_weight: w_base^lidar; the paper does not give it.
+        safe_clearance: d_safe^plan [m]; the trigger distance of Table II.
+        clearance_scale: s_lidar (Table II) [m].
+        jerk_weight: w_jerk (Table II).
+        stability_weight: w_stab (Table II).
+        reference_speed: v_ref [m/s]; None takes the last executed speed. The paper does not say.
+        expert_weight: w_exp (Table II).
+
+    Raises:
+        ValueError: A value that cannot be meant.
+    """
+
+    forms: EnergyForms = "rollout"
+    lane_weight: float = 1.0
+    lane_hazard_gain: float = 1.0
+    lane_scale: float = 0.5
+    lane_preview: float = 2.0
+    clearance_weight: float = 1.0
+    safe_clearance: float = 3.0
+    clearance_scale: float = 2.0
+    jerk_weight: float = 0.1
+    stability_weight: float = 0.5
+    reference_speed: float | None = None
+    expert_weight: float = 2.0
+
+    def __post_init__(self) -> None:
+        if self.forms not in get_args(EnergyForms):
+            raise ValueError(f"`forms` must be one of {get_args(EnergyForms)}. Got {self.forms!r}.")
+        for name in ("lane_scale", "safe_clearance", "clearance_scale"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise ValueError(f"`{name}` must be finite and positive. Got {value}.")
+        not_negative = (
+            "lane_weight",
+            "lane_hazard_gain",
+            "lane_preview",
+            "clearance_weight",
+            "jerk_weight",
+            "stability_weight",
+            "expert_weight",
+        )
+        for name in not_negative:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0):
+                raise ValueError(f"`{name}` must be finite and not negative. Got {value}.")
+        if self.reference_speed is not None and not math.isfinite(self.reference_speed):
+            raise ValueError(
+                f"`reference_speed` must be finite or None. Got {self.reference_speed}."
+            )

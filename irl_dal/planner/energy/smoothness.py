@@ -1,0 +1,112 @@
+"""Terms on the actions themselves: E_jerk, E_stability and E_expert."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from irl_dal.planner.context import PlanningContext
+from irl_dal.planner.energy.base import Array, Energy, PlanBatch
+from irl_dal.planner.energy.config import EnergyConfig
+from shield import ActuatorLimits
+
+
+class JerkEnergy(Energy):
+    r"""Control smoothness: :math:`w_{jerk}` times the mean of :math:`\|a_i - a_{i-1}\|^2`.
+
+    The printed form averages i = 1 ... H - 1. The roll-out form also counts the step from the last
+    executed command to the first action and averages over H.
+    """
+
+    name = "jerk"
+
+    def __init__(
+        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
+    ) -> None:
+        super().__init__(context, config, limits, horizon)
+        self._previous = self.scale.to_action(context.previous)
+
+    @property
+    def active(self) -> bool:
+        """Whether it has a weight."""
+        return self.config.jerk_weight > 0
+
+    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+        """Energies (B,) and gradients (B, H, 2)."""
+        actions = plans.actions
+        steps = np.empty_like(actions)
+        steps[:, 1:] = actions[:, 1:] - actions[:, :-1]
+        if self.config.forms == "printed":
+            steps[:, 0] = 0.0
+            factor = self.config.jerk_weight / (actions.shape[1] - 1)
+        else:
+            steps[:, 0] = actions[:, 0] - self._previous
+            factor = self.config.jerk_weight / actions.shape[1]
+        value = factor * np.einsum("bhc,bhc->b", steps, steps)
+        steps *= 2.0 * factor
+        gradient = steps.copy()
+        gradient[:, :-1] -= steps[:, 1:]
+        return value, gradient
+
+
+class StabilityEnergy(Energy):
+    r"""Steady control: :math:`w_{stab}` times the mean of :math:`steer_i^2 + (v_i - v_{ref})^2`.
+
+    In normalised units. The printed form is neutral at zero steering; the roll-out form at the
+    steering that follows the lane's curvature.
+    """
+
+    name = "stability"
+
+    def __init__(
+        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
+    ) -> None:
+        super().__init__(context, config, limits, horizon)
+        self._neutral = self.neutral()
+
+    @property
+    def active(self) -> bool:
+        """Whether it has a weight."""
+        return self.config.stability_weight > 0
+
+    def neutral(self) -> Array:
+        """The neutral action (2,), normalised."""
+        speed, lane = self.config.reference_speed, self.context.lane
+        speed = float(self.context.previous[1]) if speed is None else speed
+        steering = 0.0
+        if self.config.forms == "rollout" and lane.valid:
+            steering = math.atan(self.limits.wheelbase * lane.curvature)
+        return self.scale.to_action(np.array([steering, speed]))
+
+    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+        """Energies (B,) and gradients (B, H, 2)."""
+        return _mean_square(plans.actions - self._neutral, self.config.stability_weight)
+
+
+class ExpertEnergy(Energy):
+    r"""Expert alignment: :math:`w_{exp}` times the mean of :math:`\|a_i - a_i^{expert}\|^2`.
+
+    Only where the context has a reference.
+    """
+
+    name = "expert"
+
+    @property
+    def active(self) -> bool:
+        """Whether there is a reference."""
+        return self.context.expert_reference is not None and self.config.expert_weight > 0
+
+    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+        """Energies (B,) and gradients (B, H, 2)."""
+        assert self.context.expert_reference is not None
+        reference = self.scale.to_action(self.context.expert_reference)
+        return _mean_square(plans.actions - reference, self.config.expert_weight)
+
+
+def _mean_square(away: Array, weight: float) -> tuple[Array, Array]:
+    """`weight` times the mean over H of the squared (B, H, 2), and its derivative."""
+    factor = weight / away.shape[1]
+    value = factor * np.einsum("bhc,bhc->b", away, away)
+    away *= 2.0 * factor
+    return value, away

@@ -1,0 +1,105 @@
+"""How fast a plan turns into noise.
+
+| variable      | paper / Ho et al. (2020) |
+|---------------|--------------------------|
+| `steps`       | T                        |
+| `alpha_bar[k]`| alpha-bar_k, k = 0 ... T, with alpha-bar_0 = 1 |
+| `beta[k]`     | beta_k, k = 1 ... T      |
+
+References:
+    Ho et al., Denoising Diffusion Probabilistic Models, 2020.
+    Nichol and Dhariwal, Improved Denoising Diffusion Probabilistic Models, 2021 (cosine).
+    Lin et al., Common Diffusion Noise Schedules and Sample Steps Are Flawed, 2023 (rescaling).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+
+ScheduleKind = Literal["cosine", "rescaled_linear", "printed"]
+
+FIRST_BETA, LAST_BETA = 1e-4, 0.02
+"""The paper's linear schedule."""
+
+COSINE_OFFSET = 0.008
+"""Keeps beta_1 from vanishing (Nichol and Dhariwal)."""
+
+LARGEST_BETA = 0.999
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseSchedule:
+    """Variances of the forward process, read-only.
+
+    Attributes:
+        kind: Which schedule.
+        alpha_bar: Share of the signal's variance left after k steps, (T + 1,).
+    """
+
+    kind: ScheduleKind
+    alpha_bar: Array
+
+    @classmethod
+    def make(cls, kind: ScheduleKind = "cosine", steps: int = 100) -> NoiseSchedule:
+        """Build a schedule.
+
+        Args:
+            kind: `cosine`; `rescaled_linear`, the paper's betas rescaled so that nothing is left of
+                the signal at T; or `printed`, the paper's betas, which leave 36 % of its variance
+                after 100 steps.
+            steps: T.
+
+        Raises:
+            ValueError: Unknown kind, or fewer than two steps.
+        """
+        if kind not in get_args(ScheduleKind):
+            raise ValueError(f"`schedule` must be one of {get_args(ScheduleKind)}. Got {kind!r}.")
+        if steps < 2:
+            raise ValueError(f"`diffusion_steps` must be at least 2. Got {steps}.")
+        if kind == "cosine":
+            kept = _cosine(steps)
+        else:
+            linear = np.asarray(np.cumprod(1.0 - np.linspace(FIRST_BETA, LAST_BETA, steps)))
+            kept = _rescaled(linear) if kind == "rescaled_linear" else linear
+        alpha_bar = np.concatenate([[1.0], kept])
+        alpha_bar.setflags(write=False)
+        return cls(kind, alpha_bar)
+
+    @property
+    def steps(self) -> int:
+        """T, the number of diffusion steps."""
+        return len(self.alpha_bar) - 1
+
+    @property
+    def beta(self) -> Array:
+        """Variances beta_k of one forward step, (T + 1,), with beta_0 = 0."""
+        return np.concatenate([[0.0], 1.0 - self.alpha_bar[1:] / self.alpha_bar[:-1]])
+
+    def signal(self, k: NDArray[np.int64]) -> Array:
+        """The factor sqrt(alpha-bar_k) of the clean plan."""
+        return np.sqrt(self.alpha_bar[k])
+
+    def noise(self, k: NDArray[np.int64]) -> Array:
+        """The factor sqrt(1 - alpha-bar_k) of the noise."""
+        return np.sqrt(1.0 - self.alpha_bar[k])
+
+
+def _cosine(steps: int) -> Array:
+    """Squared-cosine alpha-bar with the betas capped."""
+    time = np.arange(steps + 1) / steps
+    wanted = np.cos((time + COSINE_OFFSET) / (1.0 + COSINE_OFFSET) * np.pi / 2.0) ** 2
+    beta = np.minimum(1.0 - wanted[1:] / wanted[:-1], LARGEST_BETA)
+    return np.asarray(np.cumprod(1.0 - beta))
+
+
+def _rescaled(kept: Array) -> Array:
+    """Shift and scale sqrt(alpha-bar) so that it keeps its first value and ends at zero."""
+    root = np.sqrt(kept)
+    rescaled: Array = (root - root[-1]) * (root[0] / (root[0] - root[-1]))
+    return rescaled**2

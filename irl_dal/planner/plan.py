@@ -1,0 +1,61 @@
+"""What the planner hands back."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shield import Status
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A horizon of commands with how it came about. Arrays are read-only.
+
+    Attributes:
+        actions: Commands (H, 2) [rad, m/s]; only the first is meant to be executed. In mode `none`
+            they are the sample as it is, admissible or not.
+        nominal: The last clean estimate before its projection (H, 2) [rad, m/s]; equal to
+            `actions` in mode `none` and for a fallback.
+        status: Of the last projection; `NOMINAL` in mode `none`; `FALLBACK` when there was no
+            usable sample.
+        reason: Why it is a fallback or what the projection said, else empty.
+        energy: Of `actions`; NaN for a fallback.
+        energy_nominal: Of `nominal`; NaN for a fallback.
+        energy_unguided: Of the network's last estimate before its last guidance step; NaN without
+            guidance and for a fallback.
+        candidates: All candidates as (N, H, 2) [rad, m/s].
+        projections: How often something was projected.
+        solve_time: Wall time spent in the last projection [s].
+        latency: Wall time of the whole call [s].
+    """
+
+    actions: Array
+    nominal: Array
+    status: Status
+    reason: str
+    energy: float
+    energy_nominal: float
+    energy_unguided: float
+    candidates: Array
+    projections: int
+    solve_time: float
+    latency: float
+
+    def __post_init__(self) -> None:
+        for name in ("actions", "nominal", "candidates"):
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def correction(self) -> Array:
+        """What the last projection changed, `actions - nominal` (H, 2) [rad, m/s]."""
+        return self.actions - self.nominal
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether this is not, or not fully, what the sampling asked for."""
+        return self.status is Status.FALLBACK

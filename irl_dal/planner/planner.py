@@ -1,0 +1,290 @@
+"""The diffusion planner: denoise, guide, project; a plan whatever happens."""
+
+from __future__ import annotations
+
+import time
+from collections import Counter
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from irl_dal.planner.blend import ActionBlend
+from irl_dal.planner.config import PlannerConfig
+from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
+from irl_dal.planner.denoiser import ACTION_SIZE, ConditionalUnet1d
+from irl_dal.planner.energy import TotalEnergy
+from irl_dal.planner.fast_denoiser import FastDenoiser
+from irl_dal.planner.guidance import Guidance
+from irl_dal.planner.noise_schedule import NoiseSchedule
+from irl_dal.planner.plan import Plan
+from irl_dal.planner.projection import PlanProjection
+from irl_dal.planner.sampler import Refinement
+from shield import ActuatorLimits, HorizonProjector, Status
+from shield.fallback import FallbackPlan
+
+Array = NDArray[np.float64]
+
+
+class DiffusionPlanner:
+    """Plans a horizon of commands by guided, projected denoising (the paper's P_DAL).
+
+    It owns the network. Training calls `loss`; driving calls `plan`, which never raises on what
+    values a context holds: a context with NaN, a deadline that passes or a sample that is no number
+    give the fallback plan of the shield, with a reason, and are counted.
+
+    Args:
+        config: Settings.
+        limits: Actuators; they give the units of an action.
+        generator: Source of all random numbers: initial weights, training noise, samples.
+
+    Attributes:
+        denoiser: The network, for optimizers and checkpoints.
+        blend: The blend with the policy's action.
+        counts: Plans made, and fallbacks by cause: `plans`, `fallback_context`,
+            `fallback_deadline`, `fallback_sample`, `fallback_projection` (a previous command from
+            which no plan keeps every bound).
+    """
+
+    def __init__(
+        self, config: PlannerConfig, limits: ActuatorLimits, *, generator: torch.Generator
+    ) -> None:
+        self.config = config
+        self.limits = limits
+        self.generator = generator
+        self.denoiser = _make_denoiser(config, generator)
+        self.blend = ActionBlend(config.blend)
+        self.counts: Counter[str] = Counter()
+        self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
+        self._sampler = config.make_sampler()
+        self._projector = HorizonProjector(limits, config.horizon)
+        self._fallback = FallbackPlan(limits)
+        self._last_first: Array | None = None
+        self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
+
+    def reset(self) -> None:
+        """Forget the last plan and the blend's average: at the start of an episode."""
+        self._fallback.reset()
+        self._last_first = None
+        self.blend.reset()
+
+    def parameters(self) -> Iterator[nn.Parameter]:
+        """The network's parameters."""
+        return self.denoiser.parameters()
+
+    def state_dict(self) -> dict[str, Tensor]:
+        """The network's weights."""
+        return self.denoiser.state_dict()
+
+    def load_state_dict(self, state: Mapping[str, Any]) -> None:
+        """Take over weights from `state_dict`.
+
+        Raises:
+            RuntimeError: The weights are those of another network.
+        """
+        self.denoiser.load_state_dict(state)
+
+    def loss(self, contexts: Tensor, chunks: Tensor) -> Tensor:
+        """The denoising objective on a batch, mean squared error of the prediction.
+
+        Args:
+            contexts: (B, 64) from `PlanningContext.encode`.
+            chunks: Normalised action chunks (B, H, 2).
+
+        Returns:
+            A scalar with gradient.
+
+        Raises:
+            ValueError: A wrong shape.
+        """
+        horizon = self.config.horizon
+        if contexts.ndim != 2 or contexts.shape[1] != CONTEXT_SIZE:
+            raise ValueError(
+                f"`contexts` must be (B, {CONTEXT_SIZE}). Got {tuple(contexts.shape)}."
+            )
+        if chunks.shape != (len(contexts), horizon, ACTION_SIZE):
+            raise ValueError(
+                f"`chunks` must be ({len(contexts)}, {horizon}, 2). Got {tuple(chunks.shape)}."
+            )
+        source = self.generator
+        k = torch.randint(
+            1, self._schedule.steps + 1, (len(chunks),), generator=source, device=source.device
+        )
+        noise = torch.randn(chunks.shape, generator=source, device=source.device)
+        noise = noise.to(chunks)
+        signal, spread = (
+            torch.from_numpy(part(k.cpu().numpy())).to(chunks)[:, None, None]
+            for part in (self._schedule.signal, self._schedule.noise)
+        )
+        predicted = self.denoiser(signal * chunks + spread * noise, k.to(chunks.device), contexts)
+        target = chunks if self.config.prediction == "x0" else noise
+        return nn.functional.mse_loss(predicted, target)
+
+    def plan(self, context: PlanningContext) -> Plan:
+        """Plan from a context.
+
+        Args:
+            context: What is known now.
+
+        Returns:
+            The plan; a fallback with a reason when there is no usable sample.
+
+        Raises:
+            ValueError: The context's expert reference has another horizon.
+        """
+        self._check_reference(context)
+        # Absurd but finite values overflow into a sample that is no number, and that is noticed.
+        with np.errstate(all="ignore"):
+            return self._plan(context, time.perf_counter())
+
+    def _plan(self, context: PlanningContext, begin: float) -> Plan:
+        """`plan` of a context of the right shape, begun at `begin` [s]."""
+        self.counts["plans"] += 1
+        if not context.finite:
+            return self._fall_back(context, "context", "the context is not finite", begin)
+        energy = TotalEnergy(context, self.config.energy, self.limits, self.config.horizon)
+        guidance = Guidance(energy, self.config.guidance)
+        projection = self._projection(context)
+        stages: tuple[Refinement, ...] = (projection,)
+        if self.config.guidance.scale > 0.0:
+            stages = (guidance, projection)
+        sample = self._sample(context, stages, begin)
+        if sample is None:
+            late = f"no plan within {self.config.deadline} s"
+            return self._fall_back(context, "deadline", late, begin)
+        assert projection.nominal is not None
+        if not (np.isfinite(sample).all() and np.isfinite(projection.nominal).all()):
+            return self._fall_back(context, "sample", "the sample is not finite", begin)
+        return self._select(sample, energy, guidance, projection, begin)
+
+    def _check_reference(self, context: PlanningContext) -> None:
+        """Refuse a reference that does not fit the plan."""
+        reference, horizon = context.expert_reference, self.config.horizon
+        if reference is not None and len(reference) != horizon:
+            raise ValueError(
+                f"`expert_reference` must have shape ({horizon}, 2). Got {reference.shape}."
+            )
+
+    def _projection(self, context: PlanningContext) -> PlanProjection:
+        """The projection of one sampling."""
+        return PlanProjection(
+            self.config.projection,
+            self._projector,
+            context.previous,
+            len(self._sampler.transitions),
+            self.config.defect_threshold,
+        )
+
+    def _sample(
+        self, context: PlanningContext, stages: tuple[Refinement, ...], begin: float
+    ) -> Array | None:
+        """Normalised samples (N, H, 2), or None when the deadline passed."""
+        network = self._fast_denoiser()
+        films = network.condition(context.encode()[None])
+        draws = self._sampler.draw(self.generator, self.config.candidates, self.config.horizon)
+        deadline = begin + self.config.deadline
+        return self._sampler.sample(
+            lambda noisy, index: network.predict(noisy, films, index),
+            draws,
+            stages,
+            lambda: time.perf_counter() > deadline,
+        )
+
+    def _select(
+        self,
+        sample: Array,
+        energy: TotalEnergy,
+        guidance: Guidance,
+        projection: PlanProjection,
+        begin: float,
+    ) -> Plan:
+        """The candidate of least energy as a plan."""
+        assert projection.nominal is not None
+        energies = energy.value(sample)
+        best = int(np.argmin(energies))
+        nominal = projection.nominal[best].copy()
+        if projection.projections:
+            chosen = projection.projections[best]
+            actions, status, reason = chosen.actions.copy(), chosen.status, chosen.reason
+            self.counts["fallback_projection"] += int(status is Status.FALLBACK)
+            candidates = np.stack([one.actions for one in projection.projections])
+            solve_time = sum(one.solve_time for one in projection.projections)
+        else:
+            actions, status, reason, solve_time = nominal.copy(), Status.NOMINAL, "", 0.0
+            candidates = projection.nominal.copy()
+        self._remember(actions)
+        before = guidance.energy_before
+        return Plan(
+            actions=actions,
+            nominal=nominal,
+            status=status,
+            reason=reason,
+            energy=float(energies[best]),
+            energy_nominal=float(energy.value(self.limits.to_action(nominal)[None])[0]),
+            energy_unguided=float("nan") if before is None else float(before[best]),
+            candidates=candidates,
+            projections=projection.calls,
+            solve_time=solve_time,
+            latency=time.perf_counter() - begin,
+        )
+
+    def _fall_back(self, context: PlanningContext, cause: str, reason: str, begin: float) -> Plan:
+        """The last plan shifted by one where it is being followed, else braking."""
+        self.counts[f"fallback_{cause}"] += 1
+        horizon, previous = self.config.horizon, context.previous
+        if np.isfinite(previous).all():
+            if not self._is_followed(previous):
+                self._fallback.reset()
+            steering, speed = previous.tolist()
+            flat, what = self._fallback.horizon(steering, speed, horizon)
+            actions = np.array(flat).reshape(horizon, ACTION_SIZE)
+        else:
+            what = "braking"
+            blank = np.full((horizon, ACTION_SIZE), np.nan)
+            actions = self._projector.project(blank, previous).actions.copy()
+        self._remember(actions)
+        nan = float("nan")
+        return Plan(
+            actions=actions,
+            nominal=actions.copy(),
+            status=Status.FALLBACK,
+            reason=f"{reason}: {what}",
+            energy=nan,
+            energy_nominal=nan,
+            energy_unguided=nan,
+            candidates=actions[None].copy(),
+            projections=0,
+            solve_time=0.0,
+            latency=time.perf_counter() - begin,
+        )
+
+    def _remember(self, actions: Array) -> None:
+        """Keep a plan for the case that the next one fails."""
+        self._fallback.remember(actions)
+        self._last_first = actions[0].copy()
+
+    def _is_followed(self, previous: Array) -> bool:
+        """Whether the last executed command is, to one rate step, the last plan's first."""
+        if self._last_first is None:
+            return False
+        return bool(np.all(np.abs(previous - self._last_first) <= self.limits.fall))
+
+    def _fast_denoiser(self) -> FastDenoiser:
+        """The network for inference, renewed when a weight has changed."""
+        stamp = tuple((p.data_ptr(), p._version) for p in self.denoiser.parameters())
+        if self._snapshot is None or self._snapshot[0] != stamp:
+            network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
+            self._snapshot = (stamp, network)
+        return self._snapshot[1]
+
+
+def _make_denoiser(config: PlannerConfig, generator: torch.Generator) -> ConditionalUnet1d:
+    """A network whose first weights come from the generator, leaving torch's own state alone."""
+    with torch.random.fork_rng(devices=[]):
+        torch.manual_seed(
+            int(torch.randint(2**31, (1,), generator=generator, device=generator.device).item())
+        )
+        return ConditionalUnet1d(config.denoiser)

@@ -1,0 +1,134 @@
+"""Where in the sampling a plan is made admissible.
+
+| mode       | clean estimate A-hat^0_k | iterate x_k | last estimate |
+|------------|--------------------------|-------------|---------------|
+| `none`     | -                        | -           | -             |
+| `final`    | -                        | -           | projected     |
+| `x0`       | every step               | -           | projected     |
+| `xt`       | -                        | every step  | projected     |
+| `adaptive` | where the defect is large| -           | projected     |
+
+The defect is how far an estimate breaks a bound, as a share of that bound. Bounds are tied to the
+last executed command, in physical units.
+
+References:
+    `xt`: Christopher et al., Projected Generative Diffusion Models, 2024.
+    `x0`: DiRecT, arXiv 2606.15359.
+    `adaptive`: arXiv 2605.11214.
+"""
+
+from __future__ import annotations
+
+from typing import Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.planner.action_scale import ActionScale
+from irl_dal.planner.sampler import Refinement
+from shield import ActuatorLimits, HorizonProjector, Projection
+
+Array = NDArray[np.float64]
+
+ProjectionMode = Literal["none", "final", "x0", "xt", "adaptive"]
+
+PROJECTION_MODES: tuple[str, ...] = get_args(ProjectionMode)
+
+
+class PlanProjection(Refinement):
+    """Projection inside the reverse process for one planning context.
+
+    Args:
+        mode: Where to project.
+        projector: Onto which commands.
+        previous: Last executed command (2,) [rad, m/s].
+        steps: Reverse steps of the sampler.
+        threshold: Smallest defect that `adaptive` projects.
+
+    Attributes:
+        nominal: Last clean estimate before its projection (B, H, 2) [rad, m/s]; None at first.
+        projections: Projections of the last estimate, one per candidate; empty in mode `none`.
+        calls: How many estimates and iterates were projected.
+    """
+
+    def __init__(
+        self,
+        mode: ProjectionMode,
+        projector: HorizonProjector,
+        previous: Array,
+        steps: int,
+        threshold: float = 0.5,
+    ) -> None:
+        self._mode = mode
+        self._projector = projector
+        self._previous = previous
+        self._last = steps - 1
+        self._threshold = threshold
+        self._scale = ActionScale(projector.limits)
+        self.nominal: Array | None = None
+        self.projections: tuple[Projection, ...] = ()
+        self.calls = 0
+
+    def clean(self, clean: Array, index: int) -> Array:
+        """The estimate (B, H, 2), projected where the mode says so."""
+        last = index == self._last
+        if not last and self._mode not in ("x0", "adaptive"):
+            return clean
+        commands = self._scale.to_command(clean)
+        if last:
+            self.nominal = commands
+            if self._mode == "none":
+                return clean
+        elif self._mode == "adaptive":
+            large = defect(commands, self._previous, self._projector.limits) > self._threshold
+            return self._project_some(clean, commands, large)
+        self.projections = self._project(commands)
+        return self._actions(self.projections)
+
+    def noisy(self, noisy: Array, index: int) -> Array:
+        """The iterate (B, H, 2), projected in mode `xt`."""
+        if self._mode != "xt":
+            return noisy
+        return self._actions(self._project(self._scale.to_command(noisy)))
+
+    def _project(self, commands: Array) -> tuple[Projection, ...]:
+        """Project (B, H, 2)."""
+        self.calls += len(commands)
+        if len(commands) == 1:
+            return (self._projector.project(commands[0], self._previous),)
+        return tuple(self._projector.project_batch(commands, self._previous))
+
+    def _project_some(self, clean: Array, commands: Array, chosen: NDArray[np.bool_]) -> Array:
+        """Project the chosen candidates only."""
+        if not chosen.any():
+            return clean
+        refined = clean.copy()
+        refined[chosen] = self._actions(self._project(commands[chosen]))
+        return refined
+
+    def _actions(self, projections: tuple[Projection, ...]) -> Array:
+        """Normalised actions (B, H, 2) of projections."""
+        commands = np.stack([projection.actions for projection in projections])
+        return self._scale.to_action(commands)
+
+
+def defect(commands: Array, previous: Array, limits: ActuatorLimits) -> Array:
+    """How far each horizon breaks box, rates or lateral bound, as a share of the bound.
+
+    Args:
+        commands: (B, H, 2) [rad, m/s].
+        previous: Last executed command (2,).
+        limits: Actuators.
+
+    Returns:
+        (B,), 0 for an admissible horizon.
+    """
+    width = limits.high - limits.low
+    outside = np.maximum(commands - limits.high, limits.low - commands) / np.where(width, width, 1)
+    steps = np.diff(commands, axis=1, prepend=np.broadcast_to(previous, (len(commands), 1, 2)))
+    too_fast = np.maximum(steps / limits.rise, -steps / limits.fall) - 1.0
+    worst = np.maximum(outside, too_fast).max(axis=(1, 2))
+    if limits.max_lateral_acceleration is not None:
+        lateral = np.abs(limits.lateral_acceleration(commands)) / limits.max_lateral_acceleration
+        worst = np.maximum(worst, lateral.max(axis=1) - 1.0)
+    return np.asarray(np.maximum(worst, 0.0))

@@ -1,0 +1,204 @@
+"""From noise to a plan: one loop for DDPM and DDIM.
+
+Every reverse step has the form x_{k'} = a * clean + b * x_k + sigma * z, so a sampler is a table of
+(k, a, b, sigma) and the loop does not know which sampler it runs.
+
+| variable | paper / Ho et al. (2020), Song et al. (2021)                |
+|----------|-------------------------------------------------------------|
+| `noisy`  | x_k, in normalised actions                                  |
+| `clean`  | A-hat^0_k, the estimate of x_0; A-tilde^0_k once refined     |
+| `a`, `b` | Eq. (7) of Ho et al.; Eq. (12) of Song et al.               |
+| `sigma`  | square root of the posterior variance (DDPM); eta-scaled (DDIM) |
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from irl_dal.planner.noise_schedule import NoiseSchedule
+
+Array = NDArray[np.float64]
+
+Prediction = Literal["x0", "epsilon"]
+
+Predict = Callable[[Array, int], NDArray[np.floating[Any]]]
+"""(noisy (B, H, 2), index into the table) to the network's output (B, H, 2)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Transitions:
+    """Coefficients of the reverse steps, first to last, read-only arrays of length S.
+
+    Attributes:
+        k: Diffusion step that each reverse step starts from, T first.
+        clean_factor: a.
+        noisy_factor: b.
+        sigma: Standard deviation of the fresh noise; 0 at the last step.
+        signal: sqrt(alpha-bar_k).
+        noise: sqrt(1 - alpha-bar_k).
+    """
+
+    k: NDArray[np.int64]
+    clean_factor: Array
+    noisy_factor: Array
+    sigma: Array
+    signal: Array
+    noise: Array
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            getattr(self, name).setflags(write=False)
+
+    def __len__(self) -> int:
+        return len(self.k)
+
+    @property
+    def stochastic(self) -> bool:
+        """Whether any step adds noise."""
+        return bool(np.any(self.sigma > 0.0))
+
+
+def ddpm_transitions(schedule: NoiseSchedule) -> Transitions:
+    """All T ancestral steps with the posterior's mean and variance (Ho et al., Eqs. 6 and 7)."""
+    k = np.arange(schedule.steps, 0, -1)
+    kept, before, beta = schedule.alpha_bar[k], schedule.alpha_bar[k - 1], schedule.beta[k]
+    return Transitions(
+        k=k,
+        clean_factor=np.sqrt(before) * beta / (1.0 - kept),
+        noisy_factor=np.sqrt(1.0 - beta) * (1.0 - before) / (1.0 - kept),
+        sigma=np.sqrt(beta * (1.0 - before) / (1.0 - kept)),
+        signal=schedule.signal(k),
+        noise=schedule.noise(k),
+    )
+
+
+def ddim_transitions(schedule: NoiseSchedule, steps: int, eta: float = 0.0) -> Transitions:
+    """S evenly spaced steps from T to 0 (Song et al., Eq. 12).
+
+    The spacing starts at T itself, because only there the iterate is noise alone.
+
+    Args:
+        schedule: Noise schedule.
+        steps: S, at most T.
+        eta: 0 is deterministic, 1 is DDPM on the chosen steps.
+
+    Raises:
+        ValueError: `steps` outside 1 ... T, or `eta` outside [0, 1].
+    """
+    if not 1 <= steps <= schedule.steps:
+        raise ValueError(f"`sampling_steps` must be in 1 ... {schedule.steps}. Got {steps}.")
+    if not 0.0 <= eta <= 1.0:
+        raise ValueError(f"`eta` must be in [0, 1]. Got {eta}.")
+    grid = np.round(np.linspace(schedule.steps, 0, steps + 1)).astype(np.int64)
+    k, target = grid[:-1], grid[1:]
+    kept, before = schedule.alpha_bar[k], schedule.alpha_bar[target]
+    # sigma^2 = eta^2 (1 - before) / (1 - kept) (1 - kept / before): finite at alpha-bar_T = 0 too.
+    sigma = eta * np.sqrt((1.0 - before) / (1.0 - kept) * (1.0 - kept / before))
+    noisy_factor = np.sqrt(np.maximum(1.0 - before - sigma**2, 0.0) / (1.0 - kept))
+    return Transitions(
+        k=k,
+        clean_factor=np.sqrt(before) - noisy_factor * np.sqrt(kept),
+        noisy_factor=noisy_factor,
+        sigma=sigma,
+        signal=schedule.signal(k),
+        noise=schedule.noise(k),
+    )
+
+
+class Refinement:
+    """What may change the sample inside the loop. The base changes nothing."""
+
+    def clean(self, clean: Array, index: int) -> Array:
+        """A better clean estimate (B, H, 2) at reverse step `index`; never written in place."""
+        return clean
+
+    def noisy(self, noisy: Array, index: int) -> Array:
+        """A better iterate (B, H, 2) for the end of reverse step `index`."""
+        return noisy
+
+
+class Sampler:
+    """The reverse process.
+
+    Args:
+        transitions: Table of reverse steps.
+        prediction: What the network predicts.
+        clip: The clean estimate is clipped to [-clip, clip] before it is refined; None for never.
+
+    Raises:
+        ValueError: `epsilon` with a schedule that leaves no signal at T, where it says nothing.
+    """
+
+    def __init__(
+        self, transitions: Transitions, prediction: Prediction = "x0", clip: float | None = None
+    ) -> None:
+        if prediction == "epsilon" and transitions.signal[0] == 0.0:
+            raise ValueError(
+                "`prediction` must be 'x0' when the schedule ends in pure noise. Got 'epsilon'."
+            )
+        self.transitions = transitions
+        self.prediction = prediction
+        self.clip = clip
+
+    def draw(self, generator: torch.Generator, batch: int, horizon: int) -> Array:
+        """All random numbers of one call of `sample`.
+
+        Returns:
+            (1, B, H, 2) when no reverse step adds noise, else (S, B, H, 2).
+        """
+        count = len(self.transitions) if self.transitions.stochastic else 1
+        shape = (count, batch, horizon, 2)
+        drawn = torch.randn(shape, generator=generator, device=generator.device)
+        return drawn.double().cpu().numpy()
+
+    def sample(
+        self,
+        predict: Predict,
+        draws: Array,
+        refinements: Sequence[Refinement] = (),
+        expired: Callable[[], bool] | None = None,
+    ) -> Array | None:
+        """Run the reverse process.
+
+        Args:
+            predict: The network.
+            draws: From `draw`: the first slice is x_T.
+            refinements: Applied in order to the clean estimate and to the iterate of each step.
+            expired: Asked before each step; True gives up.
+
+        Returns:
+            The last clean estimate (B, H, 2), or None when the time was up.
+        """
+        table = self.transitions
+        noisy = draws[0].copy()
+        for index in range(len(table)):
+            if expired is not None and expired():
+                return None
+            clean = self._clean(predict(noisy, index), noisy, index)
+            for refinement in refinements:
+                clean = refinement.clean(clean, index)
+            if index + 1 == len(table):
+                break
+            noisy *= table.noisy_factor[index]
+            noisy += table.clean_factor[index] * clean
+            if table.sigma[index] > 0.0:
+                noisy += table.sigma[index] * draws[index + 1]
+            for refinement in refinements:
+                noisy = refinement.noisy(noisy, index)
+        return clean
+
+    def _clean(self, output: NDArray[np.floating[Any]], noisy: Array, index: int) -> Array:
+        """The network's output as a clean estimate, clipped."""
+        clean = np.asarray(output, dtype=np.float64)
+        if self.prediction == "epsilon":
+            table = self.transitions
+            clean = (noisy - table.noise[index] * clean) / table.signal[index]
+        if self.clip is not None:
+            clean = np.clip(clean, -self.clip, self.clip)
+        return clean

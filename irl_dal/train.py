@@ -1,0 +1,94 @@
+"""Train, evaluate and draw.
+
+python -m irl_dal.train [preset=paper|smoke] [variant=NAME] [seed=N] [resume=DIR]
+[group.key=value ...]
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from datetime import datetime
+from pathlib import Path
+
+from omegaconf import DictConfig
+from rich.console import Console
+
+from irl_dal.build import build_loop, build_planner, supervision
+from irl_dal.command import run_command
+from irl_dal.config import ConfigError, RunConfig, parse
+from irl_dal.evaluation.showcase import show_run
+from irl_dal.learning import Pipeline, ProgressBar
+from irl_dal.overrides import stated, unchanged
+from irl_dal.runs import RunFolder, create_run, default_run_dir, open_run, provenance
+
+__all__ = ["main"]
+
+OWN_KEYS = frozenset({"run_dir", "resume"})
+"""Keys of this command beside the configuration's."""
+
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as a shell has it."""
+
+
+def main() -> None:
+    """Entry point of the command."""
+    run_command(_main, "train")
+
+
+def _main(composed: DictConfig) -> None:
+    console = Console()
+    folder = _new(composed) if composed.resume is None else _earlier(composed)
+    console.print(f"run folder: {folder.path}")
+    try:
+        _train(folder, console)
+        show_run(folder, console)
+    except KeyboardInterrupt:
+        console.print(f"interrupted; go on with resume={folder.path}")
+        raise SystemExit(INTERRUPTED) from None
+
+
+def _new(composed: DictConfig) -> RunFolder:
+    config = parse(composed)
+    given = composed.run_dir
+    path = default_run_dir(config, datetime.now()) if given is None else Path(str(given))
+    return create_run(path, config)
+
+
+def _earlier(composed: DictConfig) -> RunFolder:
+    """The run to go on with; only the extent of its evaluation may be stated anew."""
+    if composed.run_dir is not None:
+        raise ConfigError(f"run_dir = {composed.run_dir!r}: resume={composed.resume} names it")
+    folder = open_run("resume", Path(str(composed.resume)))
+    evaluation = folder.config.evaluation
+    for key, value in stated(composed, OWN_KEYS):
+        if key.split(".")[0] == "evaluation":
+            evaluation = parse(composed).evaluation
+        else:
+            unchanged(key, value, folder.config, f"differs from what {folder.path} began with")
+    return replace(folder, config=replace(folder.config, evaluation=evaluation))
+
+
+def _train(folder: RunFolder, console: Console) -> None:
+    """Both phases, from the newest checkpoint on if there is one."""
+    config: RunConfig = folder.config
+    planner = build_planner(config)
+    loop = build_loop(config, supervision(config, planner, training=True))
+    pipeline = Pipeline(
+        config.learning,
+        loop,
+        perception=config.perception,
+        run_dir=folder.path,
+        seed=config.seed,
+        observers=(ProgressBar(console),),
+        provenance=provenance(config),
+    )
+    try:
+        if folder.has_checkpoint:
+            pipeline.restore()
+        pipeline.run()
+    finally:
+        loop.close()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,296 @@
+"""The nearest admissible horizon: solve, settle, repair, check."""
+
+import math
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
+
+from shield.arguments import as_array, check_projector_arguments
+from shield.certificate import BatchProjection, Projection, Status
+from shield.chain import ChainBounds, is_optimal, settle_chain, solve_chain
+from shield.constraints import BoxLimit, RateLimit, stack_rows
+from shield.errors import InvalidProblem
+from shield.fallback import braking_targets
+from shield.limits import ActuatorLimits
+from shield.repair import Bounds, is_admissible, repair, worst_excess
+from shield.solvers import SolverFactory, make_solver
+from shield.successive import SuccessiveProjection
+
+__all__ = ["HorizonProjector"]
+
+Array = NDArray[np.float64]
+
+# Targets this many box widths away pull as hard as any; further ones would only lose digits.
+_FAR = 1e9
+# The solver sees targets no further than this; the exact part sees them as they are.
+_NEAR = 1e2
+# Largest multiplier of the wrong sign, and largest violation, of a certified optimum.
+_KKT_TOLERANCE = 1e-9
+_INADMISSIBLE = (
+    "the previous command is inadmissible: the box holds, the rest is approached at full rate"
+)
+
+
+class HorizonProjector:
+    r"""Projects horizons onto G1, G2 and G3.
+
+    The answer minimises :math:`\tfrac12\sum_t w_\delta(\delta_t-\bar\delta_t)^2 +
+    w_v(v_t-\bar v_t)^2` over the admissible horizons: exactly for G1 and G2, to a local optimum
+    where G3 binds. Whatever the solver does, the forward repair makes every bound hold on the
+    float64 values returned. Objects are not safe to share between threads.
+
+    Args:
+        limits: Limits of the vehicle.
+        horizon: Number of steps H.
+        solver: "osqp", or any solver installed for qpsolvers, or a factory (see `make_solver`).
+        weights: Weights of steering and speed in the distance, (2,). They matter only where the
+            lateral bound couples the two. Default: plain distance in rad and m/s.
+        tolerance: Tolerance of the solver. Default: 1e-6, enough to find the active bounds, which
+            are solved for exactly afterwards.
+        deadline: Longest time for one call [s]. Default: half of a 10 Hz period.
+
+    Raises:
+        InvalidProblem: `horizon`, `solver`, `weights`, `tolerance` or `deadline` makes no sense.
+    """
+
+    def __init__(
+        self,
+        limits: ActuatorLimits,
+        horizon: int,
+        solver: str | SolverFactory = "osqp",
+        *,
+        weights: tuple[float, float] = (1.0, 1.0),
+        tolerance: float = 1e-6,
+        deadline: float = 0.05,
+    ) -> None:
+        check_projector_arguments(limits, horizon, weights, tolerance, deadline)
+        self.limits = limits
+        self.horizon = int(horizon)
+        self.weights = (float(weights[0]), float(weights[1]))
+        self.deadline = float(deadline)
+        self.tolerance = float(tolerance)
+        bounds = self._bounds = Bounds.of(limits)
+        step, span = bounds.steering_step, bounds.max_speed - bounds.min_speed
+        self._steering = ChainBounds(-bounds.max_steering, bounds.max_steering, step, step)
+        self._speed = ChainBounds(bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall)
+        self._reach = 1.0 + abs(bounds.min_speed) + abs(bounds.max_speed) + span
+        rows = stack_rows(
+            [BoxLimit(limits), RateLimit(limits)], np.zeros((self.horizon, 2)), np.zeros(2)
+        )
+        self._lower, self._upper = rows.lower, rows.upper
+        self._diagonal = np.tile(self.weights, self.horizon)
+        self._pull = -self._diagonal
+        matrix = sparse.csc_matrix(rows.matrix)
+        self._solver = make_solver(
+            solver, self._diagonal, matrix, self.tolerance, 0.5 * self.deadline
+        )
+        self._successive = (
+            None
+            if bounds.lateral is None
+            else SuccessiveProjection(
+                limits, self.horizon, solver, self._diagonal, self.tolerance, 0.25 * self.deadline
+            )
+        )
+
+    def project(self, nominal: ArrayLike, previous: ArrayLike) -> Projection:
+        """Return the nearest admissible horizon.
+
+        Args:
+            nominal: Wanted commands [rad, m/s], shape (H, 2), any values.
+            previous: Last executed command [rad, m/s], shape (2,), any values.
+
+        Returns:
+            The horizon with its status. Admissible nominals come back bit by bit.
+
+        Raises:
+            InvalidProblem: A shape or a type does not fit.
+        """
+        begin = time.perf_counter()
+        wanted = as_array("nominal", nominal, (self.horizon, 2))
+        steering, speed = as_array("previous", previous, (2,)).tolist()
+        flat: list[float] = wanted.ravel().tolist()
+        note = ""
+        if not math.isfinite(steering + speed):
+            steering, speed, note = self._usable_previous(steering, speed)
+        if not note and is_admissible(self._bounds, flat, steering, speed):
+            commands, status, reason, excess = flat, Status.NOMINAL, "", 0.0
+        else:
+            commands, status, reason = self._answer(flat, steering, speed, begin)
+            excess = worst_excess(self._bounds, commands, steering, speed)
+            if note or excess > 0.0:
+                status = Status.FALLBACK
+                reason = "; ".join(part for part in (note, reason) if part) or _INADMISSIBLE
+        actions = np.array(commands).reshape(self.horizon, 2)
+        correction = actions - wanted
+        actions.flags.writeable = False
+        correction.flags.writeable = False
+        return Projection(actions, status, correction, excess, time.perf_counter() - begin, reason)
+
+    def project_batch(self, nominals: ArrayLike, previous: ArrayLike) -> BatchProjection:
+        """Project B horizons at once.
+
+        Args:
+            nominals: Wanted commands [rad, m/s], shape (B, H, 2), any values.
+            previous: Last executed command, shape (2,) for all or (B, 2) [rad, m/s].
+
+        Returns:
+            B horizons with their statuses.
+
+        Raises:
+            InvalidProblem: A shape or a type does not fit.
+        """
+        begin = time.perf_counter()
+        wanted = as_array("nominals", nominals)
+        if wanted.ndim != 3 or wanted.shape[1:] != (self.horizon, 2):
+            raise InvalidProblem(
+                f"`nominals` must have shape (B, {self.horizon}, 2). Got {wanted.shape}."
+            )
+        last = as_array("previous", previous)
+        if last.shape not in {(2,), (len(wanted), 2)}:
+            raise InvalidProblem(
+                f"`previous` must have shape (2,) or ({len(wanted)}, 2). Got {last.shape}."
+            )
+        lasts = np.broadcast_to(last, (len(wanted), 2))
+        parts = [self.project(one, before) for one, before in zip(wanted, lasts, strict=True)]
+        actions = np.array([part.actions for part in parts]).reshape(wanted.shape)
+        with np.errstate(invalid="ignore", over="ignore"):
+            correction = actions - wanted
+        for array in (actions, correction):
+            array.flags.writeable = False
+        return BatchProjection(
+            actions,
+            tuple(part.status for part in parts),
+            correction,
+            np.array([part.max_violation for part in parts]),
+            time.perf_counter() - begin,
+            tuple(part.reason for part in parts),
+        )
+
+    def objective(self, actions: ArrayLike, nominal: ArrayLike) -> float:
+        """Return half the weighted squared distance between two horizons of shape (H, 2)."""
+        difference = as_array("actions", actions) - as_array("nominal", nominal)
+        return float(0.5 * np.sum(difference * difference * np.array(self.weights)))
+
+    def _usable_previous(self, steering: float, speed: float) -> tuple[float, float, str]:
+        """Return a finite previous command, and a note when it had to be assumed."""
+        if math.isfinite(steering) and math.isfinite(speed):
+            return steering, speed, ""
+        bounds = self._bounds
+        side = bounds.max_steering
+        turned = 0.0 if math.isnan(steering) else min(max(steering, -side), side)
+        moving = 0.0 if math.isnan(speed) else speed
+        moving = min(max(moving, bounds.min_speed), bounds.max_speed)
+        return (
+            turned,
+            moving,
+            f"the previous command ({steering}, {speed}) is not finite: "
+            f"({turned:g}, {moving:g}) assumed",
+        )
+
+    def _answer(
+        self, flat: list[float], steering: float, speed: float, begin: float
+    ) -> tuple[list[float], Status, str]:
+        """Return the repaired horizon for a nominal that is not admissible."""
+        if not math.isfinite(sum(flat)):
+            for index, value in enumerate(flat):
+                if not math.isfinite(value):
+                    targets = braking_targets(self._bounds, steering, self.horizon)
+                    commands = repair(self._bounds, targets, steering, speed).commands
+                    step, channel = divmod(index, 2)
+                    return (
+                        commands,
+                        Status.FALLBACK,
+                        f"nominal[{step}, {channel}] is {value}: braking",
+                    )
+        far, near = _FAR * self._reach, _NEAR * self._reach
+        if min(flat) < -far or max(flat) > far:
+            flat = [min(max(value, -far), far) for value in flat]
+        targets_array = np.array(flat)
+        shown = np.clip(targets_array, -near, near) if _exceeds(flat, near) else targets_array
+        self._set_previous(steering, speed)
+        answer, reason = self._solver.solve(self._pull * shown, self._lower, self._upper)
+        goal, replaced = self._settle(answer, flat, steering, speed)
+        repaired = repair(self._bounds, goal, steering, speed, self.weights)
+        if repaired.bent and repaired.complete and self._successive is not None:
+            return self._bend(repaired.commands, targets_array, steering, speed, begin, reason)
+        if answer is None:
+            return repaired.commands, Status.FALLBACK, reason
+        if replaced and shown is targets_array and not reason:
+            off = float(np.abs(answer - goal).max())
+            if off > 100.0 * self.tolerance:
+                reason = f"the solver's answer was off by {off:.1e}: solved by dynamic programming"
+        return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
+
+    def _settle(
+        self, answer: Array | None, targets: list[float], steering: float, speed: float
+    ) -> tuple[list[float], bool]:
+        """Return the exact optimum of G1 and G2, and whether the solver was of no help.
+
+        The solver's active bounds are solved for and verified; failing that, the dynamic program
+        needs no solver.
+        """
+        goal = [0.0] * len(targets)
+        guess: list[float] | None = None if answer is None else answer.tolist()
+        replaced = False
+        channels = ((0, self._steering, steering), (1, self._speed, speed))
+        for channel, bounds, last in channels:
+            wanted = targets[channel::2]
+            if guess is not None:
+                chain = settle_chain(guess[channel::2], wanted, bounds, last, 10.0 * self.tolerance)
+                if is_optimal(chain, wanted, bounds, last, _KKT_TOLERANCE):
+                    goal[channel::2] = chain
+                    continue
+            goal[channel::2] = solve_chain(wanted, bounds, last)
+            replaced = True
+        return goal, replaced
+
+    def _bend(
+        self,
+        start: list[float],
+        targets: Array,
+        steering: float,
+        speed: float,
+        begin: float,
+        reason: str,
+    ) -> tuple[list[float], Status, str]:
+        """Improve a repaired horizon where the lateral bound binds."""
+        assert self._successive is not None
+        answer = self._successive.solve(
+            targets,
+            np.array(start),
+            self._lower,
+            self._upper,
+            (steering, speed),
+            begin + 0.5 * self.deadline,
+        )
+        reason = reason or answer.reason
+        if answer.horizon is None:
+            return start, Status.FALLBACK, reason
+        goal = answer.horizon.tolist()
+        commands = repair(self._bounds, goal, steering, speed, self.weights).commands
+        if self._cost(commands, targets) > self._cost(start, targets):
+            return start, Status.REPAIRED, reason or "the repair alone was nearer"
+        moved = max(abs(a - b) for a, b in zip(goal, commands, strict=True))
+        if not reason and moved > 10.0 * self.tolerance:
+            reason = f"the answer was repaired by {moved:.1e}"
+        return commands, Status.REPAIRED if reason else Status.PROJECTED, reason
+
+    def _cost(self, commands: list[float], targets: Array) -> float:
+        """Return the objective of a flat horizon."""
+        difference = np.array(commands) - targets
+        return float(0.5 * np.dot(self._diagonal, difference * difference))
+
+    def _set_previous(self, steering: float, speed: float) -> None:
+        """Write the first rate rows; an inadmissible previous command keeps them feasible."""
+        bounds, row = self._bounds, 2 * self.horizon
+        side, step = bounds.max_steering, bounds.steering_step
+        self._lower[row] = min(steering - step, side)
+        self._upper[row] = max(steering + step, -side)
+        self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed)
+        self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed)
+
+
+def _exceeds(flat: list[float], size: float) -> bool:
+    return min(flat) < -size or max(flat) > size

@@ -1,0 +1,127 @@
+"""The last gate before the actuators: one command at a time, tied to the last one executed."""
+
+import time
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shield.arguments import as_array, as_horizon
+from shield.certificate import Certificate, Projection, Status
+from shield.fallback import FallbackPlan
+from shield.limits import ActuatorLimits
+from shield.projection import HorizonProjector
+from shield.repair import Bounds, worst_excess
+from shield.solvers import SolverFactory
+
+__all__ = ["SafetyFilter"]
+
+
+class SafetyFilter:
+    """Makes every command admissible and remembers what was executed.
+
+    Args:
+        limits: Limits of the vehicle.
+        solver: As in `HorizonProjector`.
+        weights: As in `HorizonProjector`.
+        tolerance: As in `HorizonProjector`.
+        deadline: As in `HorizonProjector` [s].
+
+    Raises:
+        InvalidProblem: As in `HorizonProjector`.
+    """
+
+    def __init__(
+        self,
+        limits: ActuatorLimits,
+        solver: str | SolverFactory = "osqp",
+        *,
+        weights: tuple[float, float] = (1.0, 1.0),
+        tolerance: float = 1e-6,
+        deadline: float = 0.05,
+    ) -> None:
+        self.limits = limits
+        self._projector = HorizonProjector(
+            limits, 1, solver, weights=weights, tolerance=tolerance, deadline=deadline
+        )
+        self._bounds = Bounds.of(limits)
+        self._fallback = FallbackPlan(limits)
+        self._previous = np.zeros(2)
+        self.reset()
+
+    @property
+    def previous(self) -> NDArray[np.float64]:
+        """The last executed command [rad, m/s], shape (2,), read-only."""
+        return self._previous
+
+    def reset(self, command: ArrayLike | None = None) -> None:
+        """Forget the plan and set the last executed command.
+
+        Args:
+            command: The command that the actuators hold now [rad, m/s], shape (2,). None:
+                straight wheels and the speed nearest to standstill. Values that are not finite
+                count as that, too.
+
+        Raises:
+            InvalidProblem: The shape is not (2,).
+        """
+        rest = np.clip(np.zeros(2), self.limits.low, self.limits.high)
+        values = rest if command is None else as_array("command", command, (2,))
+        self._fallback.reset()
+        self._execute(np.where(np.isfinite(values), values, rest))
+
+    def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
+        """Return the command to execute, and remember it as executed.
+
+        Args:
+            nominal: Wanted command [rad, m/s], shape (2,), any values.
+            plan: The horizon that `nominal` is the beginning of [rad, m/s], shape (H, 2). Its
+                later steps are kept for the fallback.
+
+        Returns:
+            The certificate; an admissible nominal passes bit by bit. A nominal that is not finite
+            is answered with the last plan shifted by one, then by braking.
+
+        Raises:
+            InvalidProblem: A shape or a type does not fit.
+        """
+        begin = time.perf_counter()
+        wanted = as_array("nominal", nominal, (2,)).copy()
+        horizon = None if plan is None else as_horizon("plan", plan)
+        if np.isfinite(wanted).all():
+            projection = self._projector.project(wanted[None, :], self._previous)
+        else:
+            projection = self._follow_fallback(wanted)
+        if horizon is not None:
+            self._fallback.remember(horizon)
+        else:
+            self._fallback.advance()
+        self._execute(projection.actions[0].copy())
+        wanted.flags.writeable = False
+        return Certificate(
+            nominal_action=wanted,
+            safe_action=self._previous,
+            status=projection.status,
+            reason=projection.reason,
+            correction=projection.correction[0],
+            max_violation=projection.max_violation,
+            solve_time=time.perf_counter() - begin,
+            intervened=projection.status is not Status.NOMINAL,
+        )
+
+    def _follow_fallback(self, wanted: NDArray[np.float64]) -> Projection:
+        """Return the first command of the fallback as a projection of length one."""
+        steering, speed = self._previous.tolist()
+        commands, what = self._fallback.horizon(steering, speed, 1)
+        actions = np.array([commands])
+        return Projection(
+            actions,
+            Status.FALLBACK,
+            actions - np.where(np.isfinite(wanted), wanted, np.nan),
+            worst_excess(self._bounds, commands, steering, speed),
+            0.0,
+            f"nominal {wanted.tolist()} is not finite: {what}",
+        )
+
+    def _execute(self, command: NDArray[np.float64]) -> None:
+        command.flags.writeable = False
+        self._previous = command

@@ -1,0 +1,107 @@
+r"""The nearest obstacle in a scan that neighbouring beams agree on.
+
+A single short beam is rain, dust or a defect; an obstacle near enough to matter covers several
+neighbouring beams. The supported minimum is
+
+.. math:: \min_i\; \operatorname{kth}(r_i, \dots, r_{i+w-1})
+
+the smallest, over windows of w neighbouring beams, of the k-th smallest range in the window: k
+beams within w have to be that short. Beams that gave nothing count as infinitely far.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shield.errors import InvalidProblem
+
+__all__ = ["ScanFilter"]
+
+Array = NDArray[np.float64]
+
+
+class ScanFilter:
+    """Cleans scans and finds their supported minimum.
+
+    A beam that repeats the same range bit by bit while the scene around it changes is stuck and
+    ignored. A scan with too few working beams, or one that repeats itself entirely while the car
+    drives, counts as missing.
+
+    Args:
+        max_range: Largest range, reported where nothing returns [m].
+        window: Neighbouring beams w that are looked at together.
+        support: Beams k among them that have to agree.
+        stuck_after: Repetitions after which a beam is stuck, or a whole scan dead.
+        least_working: Smallest share of working beams in a usable scan.
+    """
+
+    def __init__(
+        self,
+        max_range: float,
+        *,
+        window: int = 5,
+        support: int = 3,
+        stuck_after: int = 5,
+        least_working: float = 0.5,
+    ) -> None:
+        if not 1 <= support <= window:
+            raise InvalidProblem(f"`support` must lie in [1, {window}]. Got {support!r}.")
+        self._max_range = max_range
+        self._window, self._support = window, support
+        self._stuck_after, self._least_working = stuck_after, least_working
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget earlier scans."""
+        self._last: Array | None = None
+        self._repeats = np.zeros(0, dtype=np.int64)
+        self._frozen = 0
+
+    def nearest(self, scan: ArrayLike, speed: float | None = None) -> float | None:
+        """Return the supported minimum.
+
+        Args:
+            scan: Ranges [m], shape (n,).
+            speed: Own speed [m/s], if known.
+
+        Returns:
+            The range [m], at most `max_range`; None when the scan is unusable.
+
+        Raises:
+            InvalidProblem: `scan` is not one-dimensional or is empty.
+        """
+        ranges = np.asarray(scan, dtype=np.float64)
+        if ranges.ndim != 1 or ranges.size == 0:
+            raise InvalidProblem(f"`scan` must have shape (n,), n > 0. Got {ranges.shape}.")
+        with np.errstate(invalid="ignore"):
+            working = ranges > 0.0
+        stuck, dead = self._watch(ranges, speed)
+        working &= ~stuck
+        if dead or working.mean() < self._least_working:
+            return None
+        usable = np.where(working, np.minimum(ranges, self._max_range), self._max_range)
+        width = min(self._window, usable.size)
+        windows = np.lib.stride_tricks.sliding_window_view(usable, width)
+        kth = min(self._support, width) - 1
+        return float(np.partition(windows, kth, axis=1)[:, kth].min())
+
+    def _watch(self, ranges: Array, speed: float | None) -> tuple[NDArray[np.bool_], bool]:
+        """Return which beams are stuck, and whether the whole scan is dead."""
+        last, self._last = self._last, ranges.copy()
+        none = np.zeros(ranges.shape, dtype=bool)
+        if last is None or last.shape != ranges.shape:
+            self._repeats = np.zeros(ranges.shape, dtype=np.int64)
+            self._frozen = 0
+            return none, False
+        hits = (ranges > 0.0) & (ranges < self._max_range)
+        same = hits & (ranges == last)
+        count = int(hits.sum())
+        # Seen against a still scene a repeated range is ordinary, so only motion counts.
+        if count and same.sum() <= 0.5 * count:
+            self._repeats = np.where(same, self._repeats + 1, 0)
+        else:
+            self._repeats[~same] = 0
+        driving = speed is not None and math.isfinite(speed) and abs(speed) > 0.5
+        self._frozen = self._frozen + 1 if driving and count and same.sum() == count else 0
+        return self._repeats >= self._stuck_after, self._frozen >= self._stuck_after

@@ -1,0 +1,206 @@
+r"""Quadratic program solvers behind one method.
+
+The problem is :math:`\min_z \tfrac12 z^\top P z + q^\top z` subject to
+:math:`l \le A z \le u`, with `P` diagonal and fixed, the pattern of `A` fixed, and everything else
+changing from call to call. A solver never raises: it answers ``(z, "")``, or ``(z, reason)`` when
+it stopped before its tolerance, or ``(None, reason)`` when it has nothing to offer.
+"""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+import osqp
+import qpsolvers
+from numpy.typing import NDArray
+from qpsolvers.exceptions import QPError
+from scipy import sparse
+
+from shield.errors import InvalidProblem
+
+__all__ = [
+    "FAILURES",
+    "Answer",
+    "OsqpSolver",
+    "QPSolver",
+    "QpsolversSolver",
+    "SolverFactory",
+    "make_solver",
+]
+
+Array = NDArray[np.float64]
+Answer = tuple[Array | None, str]
+
+# What a solver and its bindings raise when they fail. Interrupts and exits are the user's.
+FAILURES: tuple[type[Exception], ...] = (
+    ArithmeticError,
+    AssertionError,
+    AttributeError,
+    LookupError,
+    MemoryError,
+    OSError,
+    RuntimeError,
+    TypeError,
+    ValueError,
+    QPError,
+    osqp.OSQPException,
+)
+
+
+class QPSolver(Protocol):
+    """A solver with a fixed pattern of rows."""
+
+    def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
+        """Solve the problem with new vectors and, if given, new entries of `A`.
+
+        Args:
+            q: Shape (n,).
+            lower: Shape (m,).
+            upper: Shape (m,), nowhere below `lower`.
+            matrix: Entries of `A` in the order of its CSC pattern; None keeps them.
+        """
+        ...
+
+
+SolverFactory = Callable[[Array, sparse.csc_matrix, float, float], QPSolver]
+
+
+def make_solver(
+    solver: str | SolverFactory,
+    weights: Array,
+    pattern: sparse.csc_matrix,
+    tolerance: float,
+    deadline: float,
+) -> QPSolver:
+    """Build a solver.
+
+    Args:
+        solver: "osqp", the name of any solver installed for qpsolvers, or a factory called with the
+            other arguments.
+        weights: Diagonal of `P`, shape (n,).
+        pattern: `A` with its entries, shape (m, n).
+        tolerance: Absolute and relative tolerance, for solvers that have one.
+        deadline: Longest time for one problem [s], for solvers that have one.
+
+    Raises:
+        InvalidProblem: The name is not known or not installed.
+    """
+    if callable(solver):
+        return solver(weights, pattern, tolerance, deadline)
+    if solver == "osqp":
+        return OsqpSolver(weights, pattern, tolerance, deadline)
+    if solver in qpsolvers.available_solvers:
+        return QpsolversSolver(solver, weights, pattern)
+    raise InvalidProblem(
+        f"`solver` must be one of {sorted({'osqp', *qpsolvers.available_solvers})}. Got {solver!r}."
+    )
+
+
+class _Workspace(osqp.OSQP):  # type: ignore[misc]
+    """OSQP's Python object with a leaner way in for vectors.
+
+    Its own `update` clips the bounds to OSQP's infinity and looks that up by importing a module,
+    each time; the rows here are finite or already at that infinity.
+    """
+
+    def update_vectors(self, q: Array, lower: Array, upper: Array) -> None:
+        """Replace the three vectors."""
+        self._solver.update_data_vec(q=q, l=lower, u=upper)
+
+
+class OsqpSolver:
+    """OSQP with a workspace that lives as long as this object and starts warm.
+
+    Args:
+        weights: Diagonal of `P`.
+        pattern: `A` with its entries.
+        tolerance: OSQP's absolute and relative tolerance.
+        deadline: OSQP's time limit [s].
+        max_iterations: OSQP's iteration limit.
+    """
+
+    def __init__(
+        self,
+        weights: Array,
+        pattern: sparse.csc_matrix,
+        tolerance: float,
+        deadline: float,
+        max_iterations: int = 4000,
+    ) -> None:
+        self._weights = weights
+        self._pattern = pattern.copy()
+        self._settings = {
+            "eps_abs": tolerance,
+            "eps_rel": tolerance,
+            "max_iter": max_iterations,
+            "time_limit": deadline,
+            # A multiple of the checks, never the clock: same input, same iterations.
+            "adaptive_rho_interval": 50,
+            "check_termination": 25,
+            "polishing": False,
+            "verbose": False,
+        }
+        self._workspace = self._set_up()
+
+    def _set_up(self) -> Any:
+        rows, columns = self._pattern.shape
+        workspace = _Workspace()
+        workspace.setup(
+            sparse.diags(self._weights, format="csc"),
+            np.zeros(columns),
+            self._pattern,
+            np.full(rows, -1.0),
+            np.full(rows, 1.0),
+            **self._settings,
+        )
+        return workspace
+
+    def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
+        """Update the workspace and solve; a failure costs the workspace, which is rebuilt."""
+        try:
+            if matrix is None:
+                self._workspace.update_vectors(q, lower, upper)
+            else:
+                self._workspace.update(q=q, l=lower, u=upper, Ax=matrix)
+            result = self._workspace.solve(raise_error=False)
+            status, solution = result.info.status, result.x
+        except FAILURES as error:
+            self._workspace = self._set_up()
+            return None, f"osqp failed: {type(error).__name__}: {error}"
+        if status == "solved":
+            return solution, ""
+        if solution is None or not np.isfinite(solution).all():
+            self._workspace = self._set_up()
+            return None, f"osqp gave no solution: {status}"
+        return solution, f"osqp stopped early: {status}"
+
+
+class QpsolversSolver:
+    """Any solver of qpsolvers, from a cold start: for comparison and as an oracle in tests."""
+
+    def __init__(self, name: str, weights: Array, pattern: sparse.csc_matrix) -> None:
+        self._name = name
+        self._matrix = pattern.copy()
+        self._hessian: Any = np.diag(weights)
+        self._is_sparse = name in qpsolvers.sparse_solvers and name not in qpsolvers.dense_solvers
+        if self._is_sparse:
+            self._hessian = sparse.csc_matrix(self._hessian)
+
+    def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
+        """Solve from scratch."""
+        if matrix is not None:
+            self._matrix.data[:] = matrix
+        rows = self._matrix.toarray()
+        above, below = np.isfinite(upper), np.isfinite(lower)
+        inequality: Any = np.vstack([rows[above], -rows[below]])
+        if self._is_sparse:
+            inequality = sparse.csc_matrix(inequality)
+        bound = np.concatenate([upper[above], -lower[below]])
+        try:
+            problem = qpsolvers.Problem(self._hessian, q, inequality, bound)
+            solution = qpsolvers.solve_problem(problem, solver=self._name)
+        except FAILURES as error:
+            return None, f"{self._name} failed: {type(error).__name__}: {error}"
+        if solution.x is None or not np.isfinite(solution.x).all():
+            return None, f"{self._name} gave no solution"
+        return solution.x, "" if solution.found else f"{self._name} stopped early"

@@ -1,0 +1,272 @@
+r"""Successive linearisation of the lateral bound, each step a quadratic program.
+
+From a horizon that the forward repair made admissible, the lateral bound is linearised and the
+resulting quadratic program solved, again and again. Its answers settle on the set of active bounds
+quickly and on the last digits slowly. As soon as the active bounds are right, Newton's method on
+their equations gives the digits:
+
+.. math:: \begin{bmatrix} B^\top(W + \sum_t\lambda_t\nabla^2 c_t)B & (JB)^\top \\ JB & 0
+          \end{bmatrix} \begin{bmatrix} \Delta y \\ \lambda \end{bmatrix} =
+          -\begin{bmatrix} B^\top W(z - n) \\ c - a_{lat,max} \end{bmatrix}
+
+with :math:`z = o + By` the horizon written in its free blocks (see `chain.active_blocks`). The
+result counts only if the KKT conditions of the whole problem hold there, checked separately;
+it is then a local optimum. It is still the forward repair that makes the bounds hold exactly.
+"""
+
+import time
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from shield.chain import ChainBounds, active_blocks, is_optimal
+from shield.constraints import BoxLimit, LateralLimit, RateLimit, stack_rows
+from shield.limits import ActuatorLimits
+from shield.solvers import SolverFactory, make_solver
+from shield.vehicle import KinematicBicycle, LateralRows
+
+__all__ = ["LateralAnswer", "LateralNewton", "SuccessiveProjection"]
+
+Array = NDArray[np.float64]
+
+_MAX_PROGRAMS = 20
+_MAX_NEWTON = 8
+# Lateral accelerations within this share of the bound are taken for active.
+_NEAR = 1e-3
+
+
+class LateralAnswer(NamedTuple):
+    """Outcome of `SuccessiveProjection.solve`.
+
+    Attributes:
+        horizon: Flat horizon (2 H,), None when the solver gave nothing.
+        optimal: Whether the KKT conditions were verified there.
+        reason: Why it stopped early, or empty.
+    """
+
+    horizon: Array | None
+    optimal: bool
+    reason: str
+
+
+class LateralNewton:
+    """Newton's method on the active bounds of a horizon.
+
+    Args:
+        limits: Limits with a lateral bound.
+        horizon: Number of steps H.
+        weights: Diagonal of the objective, shape (2 H,).
+    """
+
+    def __init__(self, limits: ActuatorLimits, horizon: int, weights: Array) -> None:
+        self._bound = limits.max_lateral_acceleration or np.inf
+        self._rows = LateralRows(KinematicBicycle(limits.wheelbase, limits.dt), horizon)
+        self._horizon = horizon
+        self._weights = weights
+        low, high, rise, fall = limits.low, limits.high, limits.rise, limits.fall
+        self._chains = [
+            ChainBounds(float(low[i]), float(high[i]), float(rise[i]), float(fall[i]))
+            for i in range(2)
+        ]
+
+    def refine(
+        self, guess: Array, targets: Array, previous: tuple[float, float], tolerance: float
+    ) -> Array | None:
+        """Return the local optimum on the bounds active at `guess`, or None if it is not one.
+
+        Args:
+            guess: Flat horizon (2 H,).
+            targets: Nominal horizon (2 H,).
+            previous: Last executed command.
+            tolerance: Distance to a linear bound below which it counts as active.
+        """
+        blocks, offsets = self._blocks(guess, previous, tolerance)
+        rows = self._rows
+        rows.commands[:] = guess.reshape(self._horizon, 2)
+        rows.evaluate()
+        free = blocks.any(axis=1).reshape(self._horizon, 2).any(axis=1)
+        active = np.flatnonzero((np.abs(rows.values) >= self._bound * (1.0 - _NEAR)) & free)
+        if active.size > blocks.shape[1]:
+            return None
+        counts = blocks.sum(axis=0)
+        point = offsets + blocks @ ((blocks.T @ (guess - offsets)) / counts)
+        multipliers = np.zeros(active.size)
+        for _ in range(_MAX_NEWTON):
+            step = self._newton_step(point, targets, blocks, active, multipliers)
+            if step is None:
+                return None
+            point, multipliers = point + blocks @ step[0], step[1]
+            size = np.abs(step[0]).max(initial=0.0)
+            if not size < 10.0:
+                return None
+            if size < 1e-9:
+                break
+        else:
+            return None
+        return point if self._is_optimal(point, targets, previous, active, multipliers) else None
+
+    def _blocks(
+        self, guess: Array, previous: tuple[float, float], tolerance: float
+    ) -> tuple[Array, Array]:
+        """Return the block matrix B (2 H, blocks) and the offsets (2 H,)."""
+        owners = np.empty((self._horizon, 2), dtype=np.int64)
+        offsets = np.empty((self._horizon, 2))
+        total = 0
+        for channel, bounds in enumerate(self._chains):
+            values = guess[channel::2].tolist()
+            owner, offset, count = active_blocks(values, bounds, previous[channel], tolerance)
+            offsets[:, channel] = offset
+            owners[:, channel] = [index + total if index >= 0 else -1 for index in owner]
+            total += count
+        matrix = (owners.reshape(-1, 1) == np.arange(total)).astype(np.float64)
+        return matrix, offsets.ravel()
+
+    def _newton_step(
+        self, point: Array, targets: Array, blocks: Array, active: NDArray[np.int64], last: Array
+    ) -> tuple[Array, Array] | None:
+        """Return the step of the free blocks and the new multipliers."""
+        rows, horizon = self._rows, self._horizon
+        rows.commands[:] = point.reshape(horizon, 2)
+        rows.evaluate()
+        sign = np.sign(rows.values[active])
+        hessian = np.zeros((horizon, 2, horizon, 2))
+        hessian[active, :, active, :] = rows.hessian[active] * (last * sign)[:, None, None]
+        curvature = hessian.reshape(2 * horizon, 2 * horizon)
+        curvature.flat[:: 2 * horizon + 1] += self._weights
+        jacobian = np.zeros((active.size, horizon, 2))
+        jacobian[np.arange(active.size), active] = rows.gradient[active] * sign[:, None]
+        reduced = jacobian.reshape(active.size, 2 * horizon) @ blocks
+        size = blocks.shape[1]
+        matrix = np.zeros((size + active.size, size + active.size))
+        matrix[:size, :size] = blocks.T @ curvature @ blocks
+        matrix[size:, :size] = reduced
+        matrix[:size, size:] = reduced.T
+        right = np.concatenate(
+            [
+                blocks.T @ (self._weights * (targets - point)),
+                self._bound - rows.values[active] * sign,
+            ]
+        )
+        try:
+            solution = np.linalg.solve(matrix, right)
+        except np.linalg.LinAlgError:
+            return None
+        return solution[:size], solution[size:]
+
+    def _is_optimal(
+        self,
+        point: Array,
+        targets: Array,
+        previous: tuple[float, float],
+        active: NDArray[np.int64],
+        multipliers: Array,
+    ) -> bool:
+        """Check feasibility and the signs of all multipliers.
+
+        A lateral multiplier pulls at both channels; with that pull moved into the targets, each
+        channel has to be optimal by itself.
+        """
+        rows = self._rows
+        rows.commands[:] = point.reshape(self._horizon, 2)
+        rows.evaluate()
+        if np.abs(rows.values).max() > self._bound * (1.0 + 1e-9):
+            return False
+        if multipliers.size and multipliers.min() < -1e-9:
+            return False
+        pull = np.zeros((self._horizon, 2))
+        scale = multipliers * np.sign(rows.values[active])
+        pull[active] = rows.gradient[active] * scale[:, None]
+        effective = (targets - pull.ravel() / self._weights).reshape(self._horizon, 2)
+        horizon = point.reshape(self._horizon, 2)
+        return all(
+            is_optimal(
+                horizon[:, channel].tolist(),
+                effective[:, channel].tolist(),
+                bounds,
+                previous[channel],
+                1e-8,
+            )
+            for channel, bounds in enumerate(self._chains)
+        )
+
+
+class SuccessiveProjection:
+    """Persistent workspace for G1, G2 and linearised G3.
+
+    Args:
+        limits: Limits with a lateral bound.
+        horizon: Number of steps H.
+        solver: As in `make_solver`.
+        weights: Diagonal of `P`, shape (2 H,).
+        tolerance: Tolerance of each quadratic program.
+        deadline: Longest time for one quadratic program [s].
+    """
+
+    def __init__(
+        self,
+        limits: ActuatorLimits,
+        horizon: int,
+        solver: str | SolverFactory,
+        weights: Array,
+        tolerance: float,
+        deadline: float,
+    ) -> None:
+        start = np.tile([0.1 * limits.max_steering, 0.5 * limits.max_speed + 0.1], (horizon, 1))
+        self._lateral = LateralLimit(limits, horizon)
+        rows = stack_rows([BoxLimit(limits), RateLimit(limits), self._lateral], start, np.zeros(2))
+        self._matrix = sparse.csc_matrix(rows.matrix)
+        column = np.repeat(np.arange(2 * horizon), np.diff(self._matrix.indptr))
+        # Where in the CSC data the two entries of each lateral row live, in step order.
+        lateral = np.flatnonzero(self._matrix.indices >= 4 * horizon)
+        self._entries = lateral[np.argsort(column[lateral])]
+        self._low, self._high = np.zeros(5 * horizon), np.zeros(5 * horizon)
+        self._first = 4 * horizon
+        self._horizon = horizon
+        self._weights = weights
+        self._tolerance = tolerance
+        self._solver = make_solver(solver, weights, self._matrix, tolerance, deadline)
+        self._newton = LateralNewton(limits, horizon, weights)
+
+    def solve(
+        self,
+        targets: Array,
+        start: Array,
+        lower: Array,
+        upper: Array,
+        previous: tuple[float, float],
+        stop_at: float,
+    ) -> LateralAnswer:
+        """Approach the nearest horizon within G1, G2 and G3.
+
+        Args:
+            targets: Nominal horizon, shape (2 H,).
+            start: Horizon to start from, shape (2 H,).
+            lower: Lower ends of the rows of G1 and G2, shape (4 H,).
+            upper: Upper ends, shape (4 H,).
+            previous: Last executed command.
+            stop_at: `time.perf_counter` after which no further program is started.
+        """
+        q = -self._weights * targets
+        first, low, high = self._first, self._low, self._high
+        low[:first], high[:first] = lower, upper
+        point = start
+        for _ in range(_MAX_PROGRAMS):
+            gradient, low[first:], high[first:] = self._lateral.linearise(
+                point.reshape(self._horizon, 2)
+            )
+            self._matrix.data[self._entries] = gradient.ravel()
+            answer, reason = self._solver.solve(q, low, high, self._matrix.data)
+            if answer is None:
+                return LateralAnswer(None, False, reason)
+            moved = float(np.abs(answer - point).max())
+            point = answer
+            refined = self._newton.refine(point, targets, previous, 10.0 * self._tolerance)
+            if refined is not None:
+                return LateralAnswer(refined, True, "")
+            if reason or moved < self._tolerance:
+                return LateralAnswer(point, False, reason)
+            if time.perf_counter() > stop_at:
+                return LateralAnswer(point, False, "stopped at its deadline")
+        return LateralAnswer(point, False, "")

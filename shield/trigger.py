@@ -1,0 +1,148 @@
+"""When the planner has to help: little free distance, far from a lane, or blind."""
+
+import math
+from dataclasses import dataclass
+
+from shield.errors import InvalidLimits
+from shield.estimation import ClearanceEstimate, LaneEstimate
+
+__all__ = ["Risk", "RiskTrigger", "TriggerConfig"]
+
+
+@dataclass(frozen=True, slots=True)
+class TriggerConfig:
+    """Thresholds of the risk trigger, Eq. (dal_trigger) of the paper with uncertainty.
+
+    Attributes:
+        clearance: Clearance below which a state is risky [m]. Default: d_trigger of Table II.
+        lane_deviation: Distance to the nearest lane centre above which a state is risky [m].
+            Default: e_lane of Table II, 120 px read as 1.2 m.
+        lane_centres: Admissible lane centres, measured left of the home lane's [m]. Default: home
+            lane and passing lane, 3.5 m wide.
+        sigma_factor: Standard deviations by which estimates are inflated to the risky side.
+        clearance_hysteresis: Extra clearance needed to leave the risky state [m].
+        lane_hysteresis: Distance below `lane_deviation` needed to leave the risky state [m].
+        hold_time: Time for which no reason may appear before the risky state is left [s].
+        max_age: Age of an estimate from which the sensor counts as lost [s].
+
+    Raises:
+        InvalidLimits: A value is not finite or has the wrong sign, or there is no lane centre.
+    """
+
+    clearance: float = 3.0
+    lane_deviation: float = 1.2
+    lane_centres: tuple[float, ...] = (0.0, 3.5)
+    sigma_factor: float = 1.0
+    clearance_hysteresis: float = 0.5
+    lane_hysteresis: float = 0.2
+    hold_time: float = 0.5
+    max_age: float = 0.5
+
+    def __post_init__(self) -> None:
+        """Refuse impossible thresholds, naming the field and the value received."""
+        for name in ("clearance", "lane_deviation", "max_age"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise InvalidLimits(
+                    f"`{name}` must be positive and finite. Got {getattr(self, name)!r}."
+                )
+        for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
+            if not 0.0 <= getattr(self, name) < math.inf:
+                raise InvalidLimits(
+                    f"`{name}` must be at least 0 and finite. Got {getattr(self, name)!r}."
+                )
+        if self.lane_hysteresis >= self.lane_deviation:
+            raise InvalidLimits(
+                "`lane_hysteresis` must be below `lane_deviation`. "
+                f"Got {self.lane_hysteresis!r} and {self.lane_deviation!r}."
+            )
+        centres = tuple(float(centre) for centre in self.lane_centres)
+        if not centres or not all(math.isfinite(centre) for centre in centres):
+            raise InvalidLimits(
+                f"`lane_centres` must be finite and not empty. Got {self.lane_centres!r}."
+            )
+        object.__setattr__(self, "lane_centres", centres)
+
+
+@dataclass(frozen=True, slots=True)
+class Risk:
+    """Verdict of one step.
+
+    Attributes:
+        risky: Whether the planner has to help.
+        reasons: Any of "clearance", "lane_deviation", "lidar_lost", "lane_lost", or "hold" alone
+            while the verdict outlives its reasons; empty when not risky.
+        lane_deviation: Distance to the nearest admissible lane centre [m].
+    """
+
+    risky: bool
+    reasons: tuple[str, ...]
+    lane_deviation: float
+
+
+class RiskTrigger:
+    """Decides on inflated estimates, with hysteresis and a hold time.
+
+    A state becomes risky when ``clearance - k σ`` falls below its threshold, ``deviation + k σ``
+    rises above its own, or an estimate is invalid or too old: not knowing is a risk. It stays
+    risky until no reason, judged by the stricter thresholds of the hysteresis, has appeared for
+    `hold_time`.
+
+    Args:
+        config: Thresholds.
+        dt: Control period [s].
+
+    Raises:
+        InvalidLimits: `dt` is not positive and finite.
+    """
+
+    def __init__(self, config: TriggerConfig, dt: float) -> None:
+        if not 0.0 < dt < math.inf:
+            raise InvalidLimits(f"`dt` must be positive and finite. Got {dt!r}.")
+        self.config = config
+        # Rounded first: 0.5 / 0.1 must count five periods whatever the last bit.
+        self._hold_steps = math.ceil(round(config.hold_time / dt, 6))
+        self.reset()
+
+    def reset(self) -> None:
+        """Return to the quiet state."""
+        self._quiet_steps = 0
+        self._risky = False
+
+    def update(self, clearance: ClearanceEstimate, lane: LaneEstimate) -> Risk:
+        """Judge one step.
+
+        Args:
+            clearance: Tracked clearance.
+            lane: Tracked lane pose.
+        """
+        config = self.config
+        deviation = min(abs(lane.lateral_offset - centre) for centre in config.lane_centres)
+        reasons = self._reasons(clearance, lane, deviation)
+        if reasons:
+            self._risky, self._quiet_steps = True, 0
+        elif self._risky:
+            self._quiet_steps += 1
+            if self._quiet_steps > self._hold_steps:
+                self._risky = False
+            else:
+                reasons = ("hold",)
+        return Risk(self._risky, reasons, deviation)
+
+    def _reasons(
+        self, clearance: ClearanceEstimate, lane: LaneEstimate, deviation: float
+    ) -> tuple[str, ...]:
+        """Return what is risky now; comparisons are written so that NaN counts as risky."""
+        config = self.config
+        margin = config.clearance_hysteresis if self._risky else 0.0
+        slack = config.lane_hysteresis if self._risky else 0.0
+        reasons = []
+        if not (clearance.valid and clearance.age <= config.max_age):
+            reasons.append("lidar_lost")
+        free = clearance.clearance - config.sigma_factor * clearance.std
+        if not free >= config.clearance + margin:
+            reasons.append("clearance")
+        if not (lane.valid and lane.age <= config.max_age):
+            reasons.append("lane_lost")
+        if not deviation + config.sigma_factor * lane.offset_std <= config.lane_deviation - slack:
+            reasons.append("lane_deviation")
+        return tuple(reasons)

@@ -1,0 +1,137 @@
+r"""The kinematic bicycle, written once in CasADi.
+
+====================  ==========================================
+symbol                 meaning
+====================  ==========================================
+x, y                   position of the rear axle [m], x forward
+ψ (yaw)                heading [rad], positive to the left
+δ (steering)           angle of the front wheel [rad], left positive
+v (speed)              speed of the rear axle [m/s]
+L (wheelbase)          distance between the axles [m]
+====================  ==========================================
+
+.. math:: \dot x = v\cos\psi,\quad \dot y = v\sin\psi,\quad \dot\psi = v\tan\delta / L
+
+The lateral acceleration of the rear axle is :math:`v\dot\psi = v^2\tan\delta/L`.
+"""
+
+from typing import Any
+
+import casadi
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shield.errors import InvalidLimits, InvalidProblem
+
+__all__ = ["KinematicBicycle", "LateralRows"]
+
+
+class KinematicBicycle:
+    """CasADi functions of the kinematic bicycle, with numpy-facing helpers.
+
+    Args:
+        wheelbase: Distance between the axles L [m].
+        dt: Control period during which a command is held [s].
+
+    Attributes:
+        dynamics: ``(state (3,), command (2,)) -> derivative (3,)``, a `casadi.Function`.
+        step: ``(state (3,), command (2,)) -> next state (3,)``, one RK4 step of `dt`.
+        lateral_acceleration: ``command (2,) -> v² tan δ / L`` [m/s²].
+        lateral_jacobian: ``command (2,) -> (1, 2)`` derivative of the former.
+
+    Raises:
+        InvalidLimits: `wheelbase` or `dt` is not positive and finite.
+    """
+
+    def __init__(self, wheelbase: float, dt: float) -> None:
+        """Build the symbolic functions once."""
+        for name, value in (("wheelbase", wheelbase), ("dt", dt)):
+            if not 0.0 < value < np.inf:
+                raise InvalidLimits(f"`{name}` must be positive and finite. Got {value!r}.")
+        self.wheelbase = float(wheelbase)
+        self.dt = float(dt)
+        state, command = casadi.SX.sym("state", 3), casadi.SX.sym("command", 2)
+        yaw, steering, speed = state[2], command[0], command[1]
+        yaw_rate = speed * casadi.tan(steering) / self.wheelbase
+        derivative = casadi.vertcat(speed * casadi.cos(yaw), speed * casadi.sin(yaw), yaw_rate)
+        self.dynamics = casadi.Function("dynamics", [state, command], [derivative])
+        self.step = casadi.Function("step", [state, command], [self._rk4(state, command)])
+        lateral = speed * yaw_rate
+        self.lateral_acceleration = casadi.Function("lateral_acceleration", [command], [lateral])
+        self.lateral_jacobian = casadi.Function(
+            "lateral_jacobian", [command], [casadi.jacobian(lateral, command)]
+        )
+
+    def _rk4(self, state: casadi.SX, command: casadi.SX) -> casadi.SX:
+        """Return one classical Runge-Kutta step; exact in ψ, fourth order in x and y."""
+        k1 = self.dynamics(state, command)
+        k2 = self.dynamics(state + 0.5 * self.dt * k1, command)
+        k3 = self.dynamics(state + 0.5 * self.dt * k2, command)
+        k4 = self.dynamics(state + self.dt * k3, command)
+        return state + self.dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+
+    def rollout(self, state: ArrayLike, commands: ArrayLike) -> NDArray[np.float64]:
+        """Roll commands out from a state.
+
+        Args:
+            state: Initial (x, y, ψ) [m, m, rad], shape (3,).
+            commands: Commands [rad, m/s], shape (H, 2).
+
+        Returns:
+            States after each command, shape (H, 3).
+
+        Raises:
+            InvalidProblem: A shape does not fit.
+        """
+        pose = np.asarray(state, dtype=np.float64)
+        actions = np.asarray(commands, dtype=np.float64)
+        if pose.shape != (3,):
+            raise InvalidProblem(f"`state` must have shape (3,). Got {pose.shape}.")
+        if actions.ndim != 2 or actions.shape[1] != 2 or actions.shape[0] == 0:
+            raise InvalidProblem(f"`commands` must have shape (H, 2), H > 0. Got {actions.shape}.")
+        states = self.step.mapaccum(actions.shape[0])(pose, actions.T)
+        return np.array(states.full().T)
+
+
+class LateralRows:
+    """Lateral accelerations of a horizon and their derivatives, called through CasADi buffers.
+
+    A CasADi call with numpy arguments costs some ten microseconds of conversions; a call through
+    its buffer interface reads and writes preallocated arrays and costs about one.
+
+    Args:
+        bicycle: The vehicle model.
+        horizon: Number of commands H.
+
+    Attributes:
+        commands: Input buffer, shape (H, 2).
+        values: Output buffer, v² tan δ / L at each step [m/s²], shape (H,).
+        gradient: Output buffer, derivative with respect to the step's (δ, v), shape (H, 2).
+        hessian: Output buffer, second derivative, shape (H, 2, 2).
+    """
+
+    def __init__(self, bicycle: KinematicBicycle, horizon: int) -> None:
+        """Allocate the buffers and bind them to the CasADi function."""
+        command = casadi.SX.sym("command", 2)
+        value = bicycle.lateral_acceleration(command)
+        hessian, gradient = casadi.hessian(value, command)
+        single = casadi.Function(
+            "lateral_rows", [command], [value, gradient, casadi.densify(hessian)]
+        )
+        self._function = single.map(horizon)
+        self.commands = np.zeros((horizon, 2))
+        self.values = np.zeros(horizon)
+        self.gradient = np.zeros((horizon, 2))
+        self.hessian = np.zeros((horizon, 2, 2))
+        # CasADi stores columns first: its (2, H) is the (H, 2) of numpy.
+        buffer: Any
+        buffer, self._call = self._function.buffer()
+        buffer.set_arg(0, self.commands.data)
+        buffer.set_res(0, self.values.data)
+        buffer.set_res(1, self.gradient.data)
+        buffer.set_res(2, self.hessian.data)
+        self._buffer = buffer
+
+    def evaluate(self) -> None:
+        """Fill the output buffers for the present content of `commands`."""
+        self._call()

@@ -1,0 +1,305 @@
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from numpy.typing import NDArray
+
+from irl_dal.planner.action_scale import ActionScale
+from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, hazard
+from irl_dal.planner.energy import (
+    ClearanceEnergy,
+    Energy,
+    EnergyConfig,
+    ExpertEnergy,
+    JerkEnergy,
+    LaneEnergy,
+    PlanBatch,
+    PrintedClearanceEnergy,
+    PrintedLaneEnergy,
+    StabilityEnergy,
+    TotalEnergy,
+)
+from irl_dal.planner.energy.clearance import DISC_CENTRES, DISC_RADIUS, LIDAR_POSITION
+from shield import ClearanceEstimate
+from tests.irl_dal.planner.scenes import (
+    HORIZON,
+    LIMITS,
+    chunks,
+    context,
+    lane,
+    open_road,
+    random_context,
+)
+
+Array = NDArray[np.float64]
+
+TERMS: tuple[type[Energy], ...] = (
+    LaneEnergy,
+    ClearanceEnergy,
+    JerkEnergy,
+    StabilityEnergy,
+    ExpertEnergy,
+)
+
+
+def batch(actions: Array) -> PlanBatch:
+    """Actions (B, H, 2) as an energy takes them."""
+    return PlanBatch.of(actions, ActionScale(LIMITS))
+
+
+def constant(steering: float, speed: float) -> Array:
+    """The plan (1, H, 2) that holds a command [rad, m/s]."""
+    return np.asarray(LIMITS.to_action(np.full((1, HORIZON, 2), (steering, speed))))
+
+
+def finite_differences(energy: Energy, actions: Array) -> Array:
+    """Central differences of the summed energy."""
+    gradient, step = np.zeros_like(actions), 1e-6
+    for index in np.ndindex(actions.shape):
+        moved = [actions.copy(), actions.copy()]
+        moved[0][index] += step
+        moved[1][index] -= step
+        up, down = (float(energy.evaluate(batch(one))[0].sum()) for one in moved)
+        gradient[index] = (up - down) / (2.0 * step)
+    return gradient
+
+
+@pytest.mark.parametrize("forms", ["rollout", "printed"])
+@pytest.mark.parametrize("kind", TERMS)
+@pytest.mark.parametrize("seed", range(4))
+def test_gradients_against_finite_differences(kind: type[Energy], seed: int, forms: str) -> None:
+    """Every energy's gradient is the derivative of its value."""
+    rng = np.random.default_rng(seed)
+    reference = np.tile([0.1, 4.0], (HORIZON, 1))
+    scene = replace(random_context(rng), expert_reference=reference)
+    energy = kind(scene, EnergyConfig(forms=forms), LIMITS, HORIZON)  # type: ignore[arg-type]
+    actions = chunks(rng, scene, 3)
+    value, gradient = energy.evaluate(batch(actions))
+    assert value.shape == (3,)
+    np.testing.assert_allclose(gradient, finite_differences(energy, actions), atol=2e-5, rtol=1e-5)
+
+
+@pytest.mark.parametrize("kind", [LaneEnergy, ClearanceEnergy])
+def test_rollout_terms_depend_on_the_plan(kind: type[Energy]) -> None:
+    """Lane and obstacle energy have a gradient in steering and in speed."""
+    scene = context(distance=3.0)
+    energy = kind(scene, EnergyConfig(), LIMITS, HORIZON)
+    _, gradient = energy.evaluate(batch(constant(0.02, 6.0)))
+    assert float(np.abs(gradient[..., 0]).max()) > 1e-2
+    assert float(np.abs(gradient[..., 1]).max()) > 1e-2
+
+
+@pytest.mark.parametrize("kind", [PrintedLaneEnergy, PrintedClearanceEnergy])
+def test_printed_terms_ignore_the_plan(kind: type[Energy]) -> None:
+    """As printed, both terms are the same for every plan and guide nothing."""
+    rng = np.random.default_rng(0)
+    scene = context(distance=1.0)
+    energy = kind(scene, EnergyConfig(forms="printed"), LIMITS, HORIZON)
+    value, gradient = energy.evaluate(batch(chunks(rng, scene, 5)))
+    assert float(np.ptp(value)) == 0.0 and float(value[0]) > 0.0
+    assert not gradient.any()
+
+
+def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
+    """The composite roll-out energy of one plan (H, 2), written a second time, step by step."""
+    half = torch.tensor([LIMITS.max_steering, 0.5 * (LIMITS.max_speed - LIMITS.min_speed)])
+    centre = torch.tensor([0.0, 0.5 * (LIMITS.max_speed + LIMITS.min_speed)])
+    half, centre = half.double(), centre.double()
+    danger = 1.0 - math.tanh(scene.clearance.clearance / 3.0)
+    pose = torch.zeros(3).double()
+    e = torch.tensor(scene.lane.lateral_offset, dtype=torch.float64)
+    psi = torch.tensor(scene.lane.heading_error, dtype=torch.float64)
+    s = torch.tensor(0.0, dtype=torch.float64)
+    seen = scene.scan < MAX_RANGE
+    angle, distance = torch.tensor(BEAM_ANGLES[seen]), torch.tensor(scene.scan[seen])
+    ray = torch.stack([angle.cos(), angle.sin()], dim=1)
+    near = int(distance.argmin())
+    points = distance[:, None] * ray
+    moves = (points - points[near]).norm(dim=1) < 3.0
+    away = scene.speed * ray[near, 0] - scene.clearance.closing_speed
+    offsets, clearances = [], []
+    for i, action in enumerate(actions):
+        steering, speed = centre + half * action
+        run = speed * LIMITS.dt
+        bend = torch.tan(steering) / LIMITS.wheelbase
+        mid = pose[2] + 0.5 * bend * run
+        pose = torch.stack(
+            [pose[0] + run * mid.cos(), pose[1] + run * mid.sin(), pose[2] + bend * run]
+        )
+        relative = (bend - scene.lane.curvature - scene.lane.curvature_rate * (s + 0.5 * run)) * run
+        e = e + run * torch.sin(psi + 0.5 * relative)
+        psi, s = psi + relative, s + run
+        offsets.append(e)
+        now = points + torch.tensor(np.array([LIDAR_POSITION, 0.0]))
+        now = now + moves[:, None] * away * ray[near] * LIMITS.dt * (i + 1)
+        direction = torch.stack([pose[2].cos(), pose[2].sin()])
+        discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
+        clearances.append(torch.cdist(discs, now).min() - DISC_RADIUS)
+    preview = offsets[-1] + config.lane_preview * speed * psi.sin()
+    target = min(scene.lane_centres, key=lambda one: abs(float(preview.detach()) - one))
+    off = torch.stack(offsets) - target
+    lane_part = config.lane_weight * (1.0 + danger) * (off / config.lane_scale).square().mean()
+    gap = (config.safe_clearance - torch.stack(clearances)) / config.clearance_scale
+    lidar_part = config.clearance_weight * (1.0 + danger) * gap.clamp(min=0.0).square().mean()
+    last = (torch.tensor(scene.previous) - centre) / half
+    steps = torch.cat([last[None], actions]).diff(dim=0)
+    jerk_part = config.jerk_weight * steps.square().sum(1).mean()
+    neutral = torch.stack(
+        [torch.tensor(scene.lane.curvature).double().mul(LIMITS.wheelbase).atan(), last[1]]
+    )
+    neutral[0] = neutral[0] / half[0]
+    stability = config.stability_weight * (actions - neutral).square().sum(1).mean()
+    return lane_part + lidar_part + jerk_part + stability
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_total_against_autograd(seed: int) -> None:
+    """The composite and its closed-form gradient equal a step-by-step version under autograd."""
+    rng = np.random.default_rng(100 + seed)
+    scene = random_context(rng)
+    scene = replace(
+        scene, clearance=replace(scene.clearance, closing_speed=float(rng.uniform(-2.0, 9.0)))
+    )
+    config = EnergyConfig()
+    actions = chunks(rng, scene, 3)
+    value, gradient = TotalEnergy(scene, config, LIMITS, HORIZON).evaluate(actions)
+    for index, one in enumerate(actions):
+        leaf = torch.tensor(one, requires_grad=True)
+        expected = torch_energy(scene, config, leaf)
+        expected.backward()
+        assert leaf.grad is not None
+        assert float(value[index]) == pytest.approx(float(expected.detach()), rel=1e-9)
+        np.testing.assert_allclose(gradient[index], leaf.grad, atol=1e-9)
+
+
+def test_total_is_the_sum_of_its_parts() -> None:
+    """Value and gradient add up over the terms by name."""
+    rng = np.random.default_rng(1)
+    scene = replace(context(distance=2.0), expert_reference=np.tile([0.0, 3.0], (HORIZON, 1)))
+    total = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    actions = chunks(rng, scene, 2)
+    parts = total.parts(actions)
+    assert set(parts) == {"lane", "lidar", "jerk", "stability", "expert"}
+    np.testing.assert_allclose(total.value(actions), sum(parts.values()))
+
+
+def test_lower_is_better() -> None:
+    """Braking before an object, steering to the centre and matching the expert lower the energy."""
+    config = EnergyConfig()
+    scene = context(bearing=0.0, distance=4.0, speed=6.0)
+    obstacle = ClearanceEnergy(scene, config, LIMITS, HORIZON)
+    assert (
+        obstacle.evaluate(batch(constant(0.0, 2.0)))[0]
+        < obstacle.evaluate(batch(constant(0.0, 8.0)))[0]
+    )
+    adherence = LaneEnergy(context(lane=lane(heading_error=0.0)), config, LIMITS, HORIZON)
+    assert (
+        adherence.evaluate(batch(constant(-0.05, 6.0)))[0]
+        < adherence.evaluate(batch(constant(0.05, 6.0)))[0]
+    )
+
+
+def test_clearance_is_that_of_the_outline() -> None:
+    """Standing before a wall, the energy is that of the gap between bumper disc and wall."""
+    scene = context(bearing=0.0, distance=2.0, speed=0.0, previous=np.array([0.0, 0.0]))
+    energy = ClearanceEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    gap = LIDAR_POSITION + 2.0 - DISC_CENTRES[-1] - DISC_RADIUS
+    expected = (1.0 + hazard(2.0)) * ((3.0 - gap) / 2.0) ** 2
+    value, _ = energy.evaluate(batch(constant(0.0, 0.0)))
+    assert float(value[0]) == pytest.approx(expected, rel=1e-3)
+
+
+def test_a_leading_car_is_less_of_an_obstacle_than_a_parked_one() -> None:
+    """What the closing speed says about the object's own motion enters the prediction."""
+    config, plan = EnergyConfig(), batch(constant(0.0, 6.0))
+    energies = []
+    for closing in (12.0, 6.0, 0.0):  # oncoming at 6 m/s, parked, driving ahead at 6 m/s
+        scene = context(bearing=0.0, distance=5.0, speed=6.0)
+        scene = replace(scene, clearance=replace(scene.clearance, closing_speed=closing))
+        energies.append(float(ClearanceEnergy(scene, config, LIMITS, HORIZON).evaluate(plan)[0][0]))
+    assert energies[0] > energies[1] > energies[2] == 0.0
+
+
+def test_hazard_raises_the_adaptive_weights() -> None:
+    """With h_t the lane weight grows by 1 + alpha h and the obstacle weight by 1 + h."""
+    far, near = (
+        replace(context(), clearance=ClearanceEstimate(d, 0.0, 0.1, 0.0, True)) for d in (40.0, 0.5)
+    )
+    config = EnergyConfig(lane_hazard_gain=2.0)
+    plan = batch(constant(0.0, 6.0))
+    ratio = [
+        float(
+            (kind(near, config, LIMITS, HORIZON).evaluate(plan)[0])[0]
+            / (kind(far, config, LIMITS, HORIZON).evaluate(plan)[0])[0]
+        )
+        for kind in (LaneEnergy, PrintedLaneEnergy)
+    ]
+    expected = 1.0 + 2.0 * (1.0 - math.tanh(0.5 / 3.0))
+    np.testing.assert_allclose(ratio, expected, rtol=1e-6)
+
+
+def test_a_lane_change_is_not_undone() -> None:
+    """A plan heading for the passing lane is judged by that lane, one that holds by its own."""
+    offset = 1.2
+    straight = lane(lateral_offset=offset, heading_error=0.0, curvature=0.0, curvature_rate=0.0)
+    leaving = replace(straight, heading_error=0.2)
+    plan = batch(constant(0.0, 6.0))
+
+    def lateral_pull(pose) -> float:  # type: ignore[no-untyped-def]
+        scene = context(lane=pose)
+        _, gradient = LaneEnergy(scene, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)
+        return -float(gradient[0, 0, 0])
+
+    assert lateral_pull(straight) < 0.0 < lateral_pull(leaving)
+
+
+def test_terms_without_anything_to_say_are_left_out() -> None:
+    """A lost lane, an empty scan and no reference leave jerk and stability."""
+    scene = open_road(lane=lane(valid=False, lateral_offset=math.nan))
+    total = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    assert [term.name for term in total.terms] == ["jerk", "stability"]
+    value, gradient = total.evaluate(constant(0.1, 5.0))
+    assert bool(np.isfinite(value).all()) and bool(np.isfinite(gradient).all())
+
+
+def test_no_point_that_counts_is_left_out() -> None:
+    """Dropping what cannot come near changes the energy of no plan, not even the fastest."""
+
+    class Everything(ClearanceEnergy):
+        def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
+            return points, velocities
+
+    plans = batch(np.concatenate([constant(steering, 12.0) for steering in (-0.3, 0.0, 0.3)]))
+    seen = []
+    for distance in np.linspace(2.0, 20.0, 10):
+        scene = context(bearing=0.0, distance=float(distance), speed=12.0)
+        scene = replace(scene, clearance=replace(scene.clearance, closing_speed=18.0))
+        some, every = (
+            kind(scene, EnergyConfig(), LIMITS, HORIZON) for kind in (ClearanceEnergy, Everything)
+        )
+        expected, _ = every.evaluate(plans)
+        got = some.evaluate(plans)[0] if some.active else np.zeros(3)
+        np.testing.assert_allclose(got, expected)
+        seen.append(float(expected.max()))
+    assert seen[0] > 0.0 == seen[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("lane_scale", 0.0), ("clearance_scale", math.nan), ("jerk_weight", -0.1), ("forms", "own")],
+)
+def test_config_refuses_nonsense(name: str, value: object) -> None:
+    """An impossible number or form is refused by name and value."""
+    with pytest.raises(ValueError, match=f"`{name}` must be .* Got {value!r}"):
+        EnergyConfig(**{name: value})  # type: ignore[arg-type]
+
+
+def test_table_ii_is_the_default() -> None:
+    """The weights and scales that the paper gives are the defaults."""
+    config = EnergyConfig()
+    assert (config.jerk_weight, config.stability_weight, config.expert_weight) == (0.1, 0.5, 2.0)
+    assert (config.lane_scale, config.clearance_scale) == (0.5, 2.0)

@@ -1,0 +1,1 @@
+"""Tests of `shield`: they need only the dependencies of `shield` and the test extra."""
