@@ -1,1 +1,1 @@
-"""Hydra's configuration groups: data only. The defaults are the dataclasses'; see irl_dal/config.py."""
+"""Hydra's groups: data only, on top of the dataclasses' defaults (irl_dal/config.py)."""

@@ -4,7 +4,7 @@
 |---|---|
 | `Transition` | (o_t, a_t^final, a_t^*, r_t) with s_FSM,t and the correction marker |
 | `Transition.label` | a_t^*, what behaviour cloning imitates |
-| `Transition.command` | the executed action, what the planner's chunks {a_t ... a_t+H-1} are made of |
+| `Transition.command` | the executed action; the planner's chunks {a_t ... a_t+H-1} are of these |
 | `balanced=True` | sampling evenly across the FSM states |
 
 Storage is reserved at once but costs memory only as it fills: the pages of `np.zeros` are committed
@@ -102,9 +102,9 @@ class ReplayBatch:
 class ReplayBuffer:
     """Transitions of all episodes, in partitions by FSM state.
 
-    When the buffer is full, the oldest transition of the fullest partition leaves, so that rare modes
-    stay. Every `held_out_every`-th episode is kept out of training, for validation; the split goes by
-    episode because neighbouring frames are nearly the same.
+    When the buffer is full, the oldest transition of the fullest partition leaves, so that rare
+    modes stay. Every `held_out_every`-th episode is kept out of training, for validation; the
+    split goes by episode because neighbouring frames are nearly the same.
 
     Args:
         capacity: Transitions over all partitions (Table II: 50,000).
@@ -265,7 +265,8 @@ class ReplayBuffer:
     def returns(self, gamma: float) -> tuple[Indices, NDArray[np.float32]]:
         """Discounted return of the environment reward for everything stored.
 
-        Where a stretch stops without an end of the episode, the mean reward is taken to go on for ever.
+        Where a stretch stops without an end of the episode, the mean reward is taken to go on for
+        ever.
 
         Args:
             gamma: Discount factor, below 1.
@@ -296,7 +297,8 @@ class ReplayBuffer:
 
     def live(self) -> Indices:
         """Serial numbers of everything stored, oldest first."""
-        return self._data["serial"][self._in_order()]
+        serials: Indices = self._data["serial"][self._in_order()]
+        return serials
 
     def restore(
         self, shards: Iterable[Mapping[str, NDArray[Any]]], live: Indices, counter: int
@@ -394,11 +396,12 @@ class ReplayBuffer:
         if not groups:
             raise ValueError("nothing stored qualifies for this sample.")
         if not balanced:
-            everything = np.concatenate(groups)
+            everything: Indices = np.concatenate(groups)
             return everything[rng.integers(len(everything), size=size)]
         which = (np.arange(size) + rng.integers(len(groups))) % len(groups)
         lengths = np.array([len(group) for group in groups])
         within = (rng.random(size) * lengths[which]).astype(np.int64)
-        slots = np.concatenate(groups)
+        slots: Indices = np.concatenate(groups)
         offsets = np.concatenate(([0], np.cumsum(lengths)[:-1]))
-        return slots[offsets[which] + within]
+        drawn: Indices = slots[offsets[which] + within]
+        return drawn

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import torch
+from gymnasium import spaces
 
 from expert import FSMExpert
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
@@ -85,9 +86,9 @@ def load_run(
         CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated.
     """
     state = CheckpointStore(run_dir).load().state
-    policy = build_policy(
-        loop.city.observation_space, loop.city.action_space, config.learning.ppo, config.perception
-    )
+    seen, acted = loop.city.observation_space, loop.city.action_space
+    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
+    policy = build_policy(seen, acted, config.learning.ppo, config.perception)
     try:
         policy.load_state_dict(state["policy"])
         if planner is not None:

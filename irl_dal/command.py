@@ -69,7 +69,7 @@ def describe(error: Exception, arguments: Sequence[str]) -> str:
     found = re.search(r"Could not (?:override|append to config|delete).*?'([^']+)'", text)
     if isinstance(error, ConfigCompositionException) and found:
         return _unknown_key(found[1], arguments)
-    return " ".join(text.split())
+    return " ".join(text.partition("\nSee https")[0].split())
 
 
 def _guarded(task: Task) -> Task:

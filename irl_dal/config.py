@@ -194,7 +194,7 @@ def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
     try:
         resolved = OmegaConf.to_container(composed, resolve=True)
     except OmegaConfBaseException as error:
-        raise ConfigError(" ".join(str(error).split())) from None
+        raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from None
     return {str(key): value for key, value in dict(resolved).items()}  # type: ignore[arg-type]
 
 
@@ -224,7 +224,7 @@ def _first_line(error: ValidationError) -> str:
     message = details["msg"].removeprefix("Value error, ")
     if details["type"] != "value_error":
         return f"{'.'.join(path)} = {details['input']!r}: {_lower_first(message)}"
-    named = re.match(r"`(\w+)`", message)
+    named = re.match(r"`([\w.]+)`", message)
     return f"{'.'.join([*path, named[1]] if named else path)}: {message}"
 
 

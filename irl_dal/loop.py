@@ -147,9 +147,17 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         }
         return self._execute(command, plan, record)
 
-    def step_expert(self) -> tuple[Observation, float, bool, bool, Info]:
-        """Drive one step with the expert's own command, under the same shield."""
+    def step_expert(
+        self, disturbance: Array | None = None
+    ) -> tuple[Observation, float, bool, bool, Info]:
+        """Drive one step with the expert's own command, under the same shield.
+
+        Args:
+            disturbance: Added to the command (2,) [rad, m/s], for demonstrations of recovery.
+        """
         command = self._decision.command
+        if disturbance is not None:
+            command = np.clip(command + disturbance, self.limits.low, self.limits.high)
         record = {
             "nominal_action": self.limits.to_action(command),
             "plan": None,

@@ -38,7 +38,6 @@ def main() -> None:
 def _main(composed: DictConfig) -> None:
     console = Console()
     folder = _new(composed) if composed.resume is None else _earlier(composed)
-    console.print(f"run folder: {folder.path}")
     try:
         _train(folder, console)
         show_run(folder, console)
@@ -85,6 +84,7 @@ def _train(folder: RunFolder, console: Console) -> None:
     try:
         if folder.has_checkpoint:
             pipeline.restore()
+        console.print(f"run folder: {folder.path}")
         pipeline.run()
     finally:
         loop.close()

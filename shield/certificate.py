@@ -36,8 +36,8 @@ class Projection:
     Attributes:
         actions: Commands [rad, m/s], shape (H, 2), read-only.
         status: How it came about.
-        correction: ``actions - nominal`` [rad, m/s], shape (H, 2), read-only; NaN where the
-            nominal was not finite.
+        correction: ``actions - nominal`` [rad, m/s], shape (H, 2), read-only; not
+            finite where the nominal is not.
         max_violation: Largest violation found by the independent check, as a fraction of the
             bound it breaks. Exactly 0 unless the previous command was inadmissible.
         solve_time: Wall time of the call [s].

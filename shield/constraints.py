@@ -17,7 +17,18 @@ from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits import ActuatorLimits
 from shield.vehicle import KinematicBicycle, LateralRows
 
-__all__ = ["BoxLimit", "HorizonConstraint", "LateralLimit", "RateLimit", "Rows", "stack_rows"]
+__all__ = [
+    "UNBOUNDED",
+    "BoxLimit",
+    "HorizonConstraint",
+    "LateralLimit",
+    "RateLimit",
+    "Rows",
+    "stack_rows",
+]
+
+UNBOUNDED = 1e30
+"""A bound that is none, the infinity of OSQP."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,8 +37,8 @@ class Rows:
 
     Attributes:
         matrix: Shape (m, 2 H).
-        lower: Shape (m,), -inf where there is no bound.
-        upper: Shape (m,), inf where there is no bound.
+        lower: Shape (m,), -`UNBOUNDED` where there is no bound.
+        upper: Shape (m,), `UNBOUNDED` where there is no bound.
     """
 
     matrix: NDArray[np.float64]
@@ -111,8 +122,8 @@ class LateralLimit:
         centre = (gradient * actions).sum(axis=1) - lateral.values
         positive = lateral.values >= 0.0
         moving = length > 0.0
-        upper = np.where(moving & positive, (self._bound + centre) / scale, np.inf)
-        lower = np.where(moving & ~positive, (centre - self._bound) / scale, -np.inf)
+        upper = np.where(moving & positive, (self._bound + centre) / scale, UNBOUNDED)
+        lower = np.where(moving & ~positive, (centre - self._bound) / scale, -UNBOUNDED)
         return gradient / scale[:, None], lower, upper
 
     def rows(self, actions: NDArray[np.float64], previous: NDArray[np.float64]) -> Rows:

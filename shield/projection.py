@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
 from shield.arguments import as_array, check_projector_arguments
+from shield.batch import BatchEngine
 from shield.certificate import BatchProjection, Projection, Status
 from shield.chain import ChainBounds, is_optimal, settle_chain, solve_chain
 from shield.constraints import BoxLimit, RateLimit, stack_rows
@@ -83,6 +84,7 @@ class HorizonProjector:
         self._diagonal = np.tile(self.weights, self.horizon)
         self._pull = -self._diagonal
         matrix = sparse.csc_matrix(rows.matrix)
+        self._engine = BatchEngine(bounds, self.horizon, self.weights, _NEAR * self._reach)
         self._solver = make_solver(
             solver, self._diagonal, matrix, self.tolerance, 0.5 * self.deadline
         )
@@ -153,19 +155,21 @@ class HorizonProjector:
                 f"`previous` must have shape (2,) or ({len(wanted)}, 2). Got {last.shape}."
             )
         lasts = np.broadcast_to(last, (len(wanted), 2))
-        parts = [self.project(one, before) for one, before in zip(wanted, lasts, strict=True)]
-        actions = np.array([part.actions for part in parts]).reshape(wanted.shape)
-        with np.errstate(invalid="ignore", over="ignore"):
-            correction = actions - wanted
-        for array in (actions, correction):
+        actions, nominal, solved = self._engine.solve(wanted, lasts)
+        count = len(wanted)
+        status = [Status.PROJECTED] * count
+        for row in np.flatnonzero(nominal):
+            status[row] = Status.NOMINAL
+        reasons, excess = [""] * count, np.zeros(count)
+        for row in np.flatnonzero(~(nominal | solved)):
+            single = self.project(wanted[row], lasts[row])
+            actions[row], status[row] = single.actions, single.status
+            reasons[row], excess[row] = single.reason, single.max_violation
+        correction = actions - wanted
+        for array in (actions, correction, excess):
             array.flags.writeable = False
         return BatchProjection(
-            actions,
-            tuple(part.status for part in parts),
-            correction,
-            np.array([part.max_violation for part in parts]),
-            time.perf_counter() - begin,
-            tuple(part.reason for part in parts),
+            actions, tuple(status), correction, excess, time.perf_counter() - begin, tuple(reasons)
         )
 
     def objective(self, actions: ArrayLike, nominal: ArrayLike) -> float:
@@ -211,20 +215,23 @@ class HorizonProjector:
         shown = np.clip(targets_array, -near, near) if _exceeds(flat, near) else targets_array
         self._set_previous(steering, speed)
         answer, reason = self._solver.solve(self._pull * shown, self._lower, self._upper)
-        goal, replaced = self._settle(answer, flat, steering, speed)
+        guess: list[float] | None = None if answer is None else answer.tolist()
+        if guess is not None and not math.isfinite(sum(guess)):
+            guess, reason = None, "the solver's answer is not finite"
+        goal, replaced = self._settle(guess, flat, steering, speed)
         repaired = repair(self._bounds, goal, steering, speed, self.weights)
         if repaired.bent and repaired.complete and self._successive is not None:
             return self._bend(repaired.commands, targets_array, steering, speed, begin, reason)
-        if answer is None:
+        if guess is None:
             return repaired.commands, Status.FALLBACK, reason
-        if replaced and shown is targets_array and not reason:
-            off = float(np.abs(answer - goal).max())
+        if replaced and not reason and shown is targets_array:
+            off = max(abs(a - b) for a, b in zip(guess, goal, strict=True))
             if off > 100.0 * self.tolerance:
                 reason = f"the solver's answer was off by {off:.1e}: solved by dynamic programming"
         return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
 
     def _settle(
-        self, answer: Array | None, targets: list[float], steering: float, speed: float
+        self, guess: list[float] | None, targets: list[float], steering: float, speed: float
     ) -> tuple[list[float], bool]:
         """Return the exact optimum of G1 and G2, and whether the solver was of no help.
 
@@ -232,7 +239,6 @@ class HorizonProjector:
         needs no solver.
         """
         goal = [0.0] * len(targets)
-        guess: list[float] | None = None if answer is None else answer.tolist()
         replaced = False
         channels = ((0, self._steering, steering), (1, self._speed, speed))
         for channel, bounds, last in channels:
@@ -270,8 +276,11 @@ class HorizonProjector:
             return start, Status.FALLBACK, reason
         goal = answer.horizon.tolist()
         commands = repair(self._bounds, goal, steering, speed, self.weights).commands
-        if self._cost(commands, targets) > self._cost(start, targets):
-            return start, Status.REPAIRED, reason or "the repair alone was nearer"
+        cost, first_cost = self._cost(commands, targets), self._cost(start, targets)
+        if cost > first_cost:
+            commands = start
+            if cost > first_cost * (1.0 + self.tolerance):
+                return start, Status.REPAIRED, reason or "the repair alone was nearer"
         moved = max(abs(a - b) for a, b in zip(goal, commands, strict=True))
         if not reason and moved > 10.0 * self.tolerance:
             reason = f"the answer was repaired by {moved:.1e}"

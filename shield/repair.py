@@ -18,10 +18,19 @@ from typing import NamedTuple
 from shield.limits import ActuatorLimits
 from shield.rounding import BAND, difference_exceeds, lateral_exceeds, sum_above, sum_below
 
-__all__ = ["Bounds", "Repaired", "is_admissible", "lateral_boundary", "repair", "worst_excess"]
+__all__ = [
+    "INWARD",
+    "Bounds",
+    "Repaired",
+    "is_admissible",
+    "lateral_boundary",
+    "repair",
+    "worst_excess",
+]
 
-# A speed or steering computed on the lateral boundary is scaled by this, so that it lies inside.
-_INWARD = 1.0 - 2.0 * BAND
+# Points computed on the lateral boundary aim at this share of the bound: far enough inside that
+# their rounding errors cannot matter, near enough to cost nothing.
+INWARD = 1.0 - 16.0 * BAND
 _NEWTON_STEPS = 4
 
 
@@ -190,43 +199,41 @@ def _into_lateral(
     )
     if lateral_exceeds(corner_delta, corner_v, lateral, wheelbase):
         return (corner_delta, corner_v), False
-    best = (corner_delta, corner_v)
-    least = math.inf
-    for candidate_delta, candidate_v in _candidates(
-        bounds, delta, v, corner_delta, corner_v, weights
+    near_delta, near_v = lateral_boundary(bounds, delta, v, weights)
+    if (
+        _is_between(near_delta, corner_delta, delta)
+        and _is_between(near_v, corner_v, v)
+        and near_v * near_v * abs(math.tan(near_delta)) <= bounds.surely
     ):
-        distance = weights[0] * (candidate_delta - delta) ** 2 + weights[1] * (candidate_v - v) ** 2
-        if distance < least and not lateral_exceeds(
-            candidate_delta, candidate_v, lateral, wheelbase
-        ):
-            best, least = (candidate_delta, candidate_v), distance
+        return (near_delta, near_v), True
+    near = (_between(near_delta, corner_delta, delta), _between(near_v, corner_v, v))
+    best, least = (corner_delta, corner_v), math.inf
+    for candidate in _candidates(bounds, near, (delta, v), (corner_delta, corner_v)):
+        turn, change = candidate[0] - delta, candidate[1] - v
+        distance = weights[0] * turn * turn + weights[1] * change * change
+        if distance < least and not lateral_exceeds(*candidate, lateral, wheelbase):
+            best, least = candidate, distance
     return best, True
 
 
 def _candidates(
     bounds: Bounds,
-    delta: float,
-    v: float,
-    corner_delta: float,
-    corner_v: float,
-    weights: tuple[float, float],
+    near: tuple[float, float],
+    target: tuple[float, float],
+    corner: tuple[float, float],
 ) -> list[tuple[float, float]]:
-    """Return points near the lateral boundary between (δ, v) and the corner of its window.
+    """Return points on the lateral boundary between a target and the corner of its window.
 
-    They are: the nearest boundary point, clipped to the window and then slowed or eased; the
-    boundary at the wanted steering; the boundary at the wanted speed; the boundary at the corner's
-    speed. Moving towards the corner in one coordinate keeps the window, which is a rectangle.
+    From each of three starts, the nearest boundary point clipped to the window, the target, and the
+    target's steering at the corner's speed, one goes down in speed and one in steering. Moving
+    towards the corner in one coordinate stays in the window, which is a rectangle.
     """
     points = []
-    near_delta, near_v = lateral_boundary(bounds, delta, v, weights)
-    near_delta = _between(near_delta, corner_delta, delta)
-    near_v = _between(near_v, corner_v, v)
-    for start_delta, start_v in ((near_delta, near_v), (delta, v), (delta, corner_v)):
-        slowed = _between(math.copysign(_boundary_speed(bounds, start_delta), v), corner_v, start_v)
-        eased = _between(
-            math.copysign(_boundary_steering(bounds, start_v), delta), corner_delta, start_delta
-        )
-        points += [(start_delta, slowed), (eased, start_v)]
+    for delta, v in (near, target, (target[0], corner[1])):
+        slowed = math.copysign(_boundary_speed(bounds, delta), target[1])
+        eased = math.copysign(_boundary_steering(bounds, v), target[0])
+        points.append((delta, _between(slowed, corner[1], v)))
+        points.append((_between(eased, corner[0], delta), v))
     return points
 
 
@@ -235,12 +242,17 @@ def _between(value: float, end: float, other_end: float) -> float:
     return min(max(value, min(end, other_end)), max(end, other_end))
 
 
+def _is_between(value: float, end: float, other_end: float) -> bool:
+    """Tell whether `value` lies in the interval between two ends given in either order."""
+    return end <= value <= other_end or other_end <= value <= end
+
+
 def _boundary_speed(bounds: Bounds, delta: float) -> float:
     """Return the largest |v| at this steering, rounded inwards; infinite at δ = 0."""
     tangent = abs(math.tan(delta))
     if tangent == 0.0 or bounds.lateral is None:
         return math.inf
-    return math.sqrt(bounds.lateral * bounds.wheelbase / tangent) * _INWARD
+    return math.sqrt(bounds.lateral * bounds.wheelbase / tangent) * INWARD
 
 
 def _boundary_steering(bounds: Bounds, v: float) -> float:
@@ -248,7 +260,7 @@ def _boundary_steering(bounds: Bounds, v: float) -> float:
     square = v * v
     if square == 0.0 or bounds.lateral is None:
         return math.pi / 2.0
-    return math.atan(bounds.lateral * bounds.wheelbase / square) * _INWARD
+    return math.atan(bounds.lateral * bounds.wheelbase / square) * INWARD
 
 
 def lateral_boundary(
@@ -264,7 +276,7 @@ def lateral_boundary(
     """
     if bounds.lateral is None:
         return delta, v
-    bound = bounds.lateral * bounds.wheelbase
+    bound = bounds.lateral * bounds.wheelbase * INWARD
     for _ in range(_NEWTON_STEPS):
         tangent = math.tan(abs(delta))
         excess = v * v * tangent - bound

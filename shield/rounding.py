@@ -18,7 +18,18 @@ References:
 import math
 from decimal import Decimal, localcontext
 
-__all__ = ["BAND", "difference_exceeds", "lateral_exceeds", "sum_above", "sum_below"]
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = [
+    "BAND",
+    "difference_exceeds",
+    "differences_exceed",
+    "lateral_exceeds",
+    "sum_above",
+    "sum_below",
+    "sums_below",
+]
 
 # Relative half width of the band in which the float64 lateral acceleration does not decide: v * v,
 # the product, a * L and the comparison are half an ulp each, tan at most 4 ulp (numpy's SIMD one).
@@ -51,6 +62,29 @@ def difference_exceeds(a: float, b: float, step: float) -> bool:
         return difference > step
     virtual = difference - a
     return (a - (difference - virtual)) - (b + virtual) > 0.0
+
+
+def sums_below(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return `sum_below` elementwise; infinite where the sum is."""
+    total = a + b
+    with np.errstate(invalid="ignore"):
+        virtual = total - a
+        error = (a - (total - virtual)) + (b - virtual)
+    return np.where(error < 0.0, np.nextafter(total, -np.inf), total)
+
+
+def differences_exceed(
+    a: NDArray[np.float64], b: NDArray[np.float64], step: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return `difference_exceeds` elementwise."""
+    difference = a - b
+    ties = difference == step
+    result = np.asarray(difference > step)
+    if ties.any():
+        virtual = difference - a
+        error = (a - (difference - virtual)) - (b + virtual)
+        result = result | (ties & (error > 0.0))
+    return result
 
 
 def lateral_exceeds(steering: float, speed: float, acceleration: float, wheelbase: float) -> bool:

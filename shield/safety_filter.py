@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shield.arguments import as_array, as_horizon
 from shield.certificate import Certificate, Projection, Status
+from shield.errors import InvalidProblem
 from shield.fallback import FallbackPlan
 from shield.limits import ActuatorLimits
 from shield.projection import HorizonProjector
@@ -68,6 +69,20 @@ class SafetyFilter:
         values = rest if command is None else as_array("command", command, (2,))
         self._fallback.reset()
         self._execute(np.where(np.isfinite(values), values, rest))
+
+    def record(self, command: ArrayLike) -> None:
+        """Correct what was executed, for actuators that round what they are given.
+
+        Args:
+            command: The command that the actuators really took [rad, m/s], shape (2,), finite.
+
+        Raises:
+            InvalidProblem: The shape is not (2,), or a value is not finite.
+        """
+        values = as_array("command", command, (2,)).copy()
+        if not np.isfinite(values).all():
+            raise InvalidProblem(f"`command` must be finite. Got {values.tolist()}.")
+        self._execute(values)
 
     def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
         """Return the command to execute, and remember it as executed.

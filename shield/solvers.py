@@ -6,6 +6,8 @@ changing from call to call. A solver never raises: it answers ``(z, "")``, or ``
 it stopped before its tolerance, or ``(None, reason)`` when it has nothing to offer.
 """
 
+import queue
+import threading
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -16,11 +18,13 @@ from numpy.typing import NDArray
 from qpsolvers.exceptions import QPError
 from scipy import sparse
 
+from shield.constraints import UNBOUNDED
 from shield.errors import InvalidProblem
 
 __all__ = [
     "FAILURES",
     "Answer",
+    "DeadlineSolver",
     "OsqpSolver",
     "QPSolver",
     "QpsolversSolver",
@@ -36,6 +40,7 @@ FAILURES: tuple[type[Exception], ...] = (
     ArithmeticError,
     AssertionError,
     AttributeError,
+    BufferError,
     LookupError,
     MemoryError,
     OSError,
@@ -72,7 +77,7 @@ def make_solver(
     tolerance: float,
     deadline: float,
 ) -> QPSolver:
-    """Build a solver.
+    """Build a solver that respects a deadline.
 
     Args:
         solver: "osqp", the name of any solver installed for qpsolvers, or a factory called with the
@@ -80,17 +85,20 @@ def make_solver(
         weights: Diagonal of `P`, shape (n,).
         pattern: `A` with its entries, shape (m, n).
         tolerance: Absolute and relative tolerance, for solvers that have one.
-        deadline: Longest time for one problem [s], for solvers that have one.
+        deadline: Longest time for one problem [s].
+
+    Returns:
+        OSQP, which watches the time itself, or another solver in a `DeadlineSolver`.
 
     Raises:
         InvalidProblem: The name is not known or not installed.
     """
     if callable(solver):
-        return solver(weights, pattern, tolerance, deadline)
+        return DeadlineSolver(solver(weights, pattern, tolerance, deadline), deadline)
     if solver == "osqp":
         return OsqpSolver(weights, pattern, tolerance, deadline)
     if solver in qpsolvers.available_solvers:
-        return QpsolversSolver(solver, weights, pattern)
+        return DeadlineSolver(QpsolversSolver(solver, weights, pattern), deadline)
     raise InvalidProblem(
         f"`solver` must be one of {sorted({'osqp', *qpsolvers.available_solvers})}. Got {solver!r}."
     )
@@ -100,7 +108,7 @@ class _Workspace(osqp.OSQP):  # type: ignore[misc]
     """OSQP's Python object with a leaner way in for vectors.
 
     Its own `update` clips the bounds to OSQP's infinity and looks that up by importing a module,
-    each time; the rows here are finite or already at that infinity.
+    each time; the bounds here are finite.
     """
 
     def update_vectors(self, q: Array, lower: Array, upper: Array) -> None:
@@ -117,6 +125,9 @@ class OsqpSolver:
         tolerance: OSQP's absolute and relative tolerance.
         deadline: OSQP's time limit [s].
         max_iterations: OSQP's iteration limit.
+
+    Attributes:
+        settings: What OSQP is set up with.
     """
 
     def __init__(
@@ -129,7 +140,7 @@ class OsqpSolver:
     ) -> None:
         self._weights = weights
         self._pattern = pattern.copy()
-        self._settings = {
+        self.settings: dict[str, Any] = {
             "eps_abs": tolerance,
             "eps_rel": tolerance,
             "max_iter": max_iterations,
@@ -140,9 +151,9 @@ class OsqpSolver:
             "polishing": False,
             "verbose": False,
         }
-        self._workspace = self._set_up()
+        self._workspace: _Workspace | None = self._set_up()
 
-    def _set_up(self) -> Any:
+    def _set_up(self) -> _Workspace:
         rows, columns = self._pattern.shape
         workspace = _Workspace()
         workspace.setup(
@@ -151,32 +162,41 @@ class OsqpSolver:
             self._pattern,
             np.full(rows, -1.0),
             np.full(rows, 1.0),
-            **self._settings,
+            **self.settings,
         )
         return workspace
 
     def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
-        """Update the workspace and solve; a failure costs the workspace, which is rebuilt."""
+        """Update the workspace and solve; a failure costs the workspace, which is then rebuilt."""
         try:
+            if self._workspace is None:
+                self._workspace = self._set_up()
             if matrix is None:
                 self._workspace.update_vectors(q, lower, upper)
             else:
                 self._workspace.update(q=q, l=lower, u=upper, Ax=matrix)
             result = self._workspace.solve(raise_error=False)
             status, solution = result.info.status, result.x
+            if status == "solved" and solution.shape == q.shape:
+                return solution, ""
+            usable = np.shape(solution) == q.shape and bool(np.isfinite(solution).all())
         except FAILURES as error:
-            self._workspace = self._set_up()
+            self._workspace = None
             return None, f"osqp failed: {type(error).__name__}: {error}"
-        if status == "solved":
-            return solution, ""
-        if solution is None or not np.isfinite(solution).all():
-            self._workspace = self._set_up()
+        if not usable:
+            self._workspace = None
             return None, f"osqp gave no solution: {status}"
         return solution, f"osqp stopped early: {status}"
 
 
 class QpsolversSolver:
-    """Any solver of qpsolvers, from a cold start: for comparison and as an oracle in tests."""
+    """Any solver of qpsolvers, from a cold start: for comparison and as an oracle in tests.
+
+    Args:
+        name: One of `qpsolvers.available_solvers`.
+        weights: Diagonal of `P`.
+        pattern: `A` with its entries.
+    """
 
     def __init__(self, name: str, weights: Array, pattern: sparse.csc_matrix) -> None:
         self._name = name
@@ -191,7 +211,7 @@ class QpsolversSolver:
         if matrix is not None:
             self._matrix.data[:] = matrix
         rows = self._matrix.toarray()
-        above, below = np.isfinite(upper), np.isfinite(lower)
+        above, below = upper < UNBOUNDED, lower > -UNBOUNDED
         inequality: Any = np.vstack([rows[above], -rows[below]])
         if self._is_sparse:
             inequality = sparse.csc_matrix(inequality)
@@ -204,3 +224,47 @@ class QpsolversSolver:
         if solution.x is None or not np.isfinite(solution.x).all():
             return None, f"{self._name} gave no solution"
         return solution.x, "" if solution.found else f"{self._name} stopped early"
+
+
+class DeadlineSolver:
+    """Runs a solver in a thread of its own and stops waiting at the deadline.
+
+    A solver that overran is left to finish; until it has, further problems go unanswered. A solver
+    that holds Python's lock while it works cannot be timed out this way; small quadratic programs
+    take such solvers microseconds.
+
+    Args:
+        solver: The solver to watch.
+        deadline: Longest time for one problem [s].
+    """
+
+    def __init__(self, solver: QPSolver, deadline: float) -> None:
+        self._solver = solver
+        self._deadline = deadline
+        self._problems: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
+        self._late = False
+        threading.Thread(target=self._work, daemon=True).start()
+
+    def _work(self) -> None:
+        while True:
+            problem = self._problems.get()
+            try:
+                answer = self._solver.solve(*problem)
+            except FAILURES as error:
+                answer = None, f"the solver failed: {type(error).__name__}: {error}"
+            self._answers.put(answer)
+
+    def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
+        """Hand the problem over and wait for the answer, at most until the deadline."""
+        try:
+            if self._late:
+                self._answers.get_nowait()
+                self._late = False
+            # Copies: a late solver must not read what the next problem writes.
+            entries = None if matrix is None else matrix.copy()
+            self._problems.put((q.copy(), lower.copy(), upper.copy(), entries))
+            return self._answers.get(timeout=self._deadline)
+        except queue.Empty:
+            self._late = True
+            return None, f"the solver ran past its deadline of {self._deadline:g} s"

@@ -24,6 +24,7 @@ from scipy import sparse
 from shield.chain import ChainBounds, active_blocks, is_optimal
 from shield.constraints import BoxLimit, LateralLimit, RateLimit, stack_rows
 from shield.limits import ActuatorLimits
+from shield.repair import INWARD
 from shield.solvers import SolverFactory, make_solver
 from shield.vehicle import KinematicBicycle, LateralRows
 
@@ -61,7 +62,7 @@ class LateralNewton:
     """
 
     def __init__(self, limits: ActuatorLimits, horizon: int, weights: Array) -> None:
-        self._bound = limits.max_lateral_acceleration or np.inf
+        self._bound = (limits.max_lateral_acceleration or np.inf) * INWARD
         self._rows = LateralRows(KinematicBicycle(limits.wheelbase, limits.dt), horizon)
         self._horizon = horizon
         self._weights = weights
@@ -127,28 +128,26 @@ class LateralNewton:
         self, point: Array, targets: Array, blocks: Array, active: NDArray[np.int64], last: Array
     ) -> tuple[Array, Array] | None:
         """Return the step of the free blocks and the new multipliers."""
-        rows, horizon = self._rows, self._horizon
-        rows.commands[:] = point.reshape(horizon, 2)
+        rows = self._rows
+        rows.commands[:] = point.reshape(self._horizon, 2)
         rows.evaluate()
         sign = np.sign(rows.values[active])
-        hessian = np.zeros((horizon, 2, horizon, 2))
-        hessian[active, :, active, :] = rows.hessian[active] * (last * sign)[:, None, None]
-        curvature = hessian.reshape(2 * horizon, 2 * horizon)
-        curvature.flat[:: 2 * horizon + 1] += self._weights
-        jacobian = np.zeros((active.size, horizon, 2))
-        jacobian[np.arange(active.size), active] = rows.gradient[active] * sign[:, None]
-        reduced = jacobian.reshape(active.size, 2 * horizon) @ blocks
+        steering, speed, count = 2 * active, 2 * active + 1, len(active)
+        curvature = np.diag(self._weights)
+        bend = rows.hessian[active] * (last * sign)[:, None, None]
+        curvature[steering, steering] += bend[:, 0, 0]
+        curvature[speed, speed] += bend[:, 1, 1]
+        curvature[steering, speed] = curvature[speed, steering] = bend[:, 0, 1]
+        gradient = rows.gradient[active] * sign[:, None]
         size = blocks.shape[1]
-        matrix = np.zeros((size + active.size, size + active.size))
+        matrix = np.zeros((size + count, size + count))
         matrix[:size, :size] = blocks.T @ curvature @ blocks
+        reduced = gradient[:, :1] * blocks[steering] + gradient[:, 1:] * blocks[speed]
         matrix[size:, :size] = reduced
         matrix[:size, size:] = reduced.T
-        right = np.concatenate(
-            [
-                blocks.T @ (self._weights * (targets - point)),
-                self._bound - rows.values[active] * sign,
-            ]
-        )
+        right = np.empty(size + count)
+        right[:size] = blocks.T @ (self._weights * (targets - point))
+        right[size:] = self._bound - rows.values[active] * sign
         try:
             solution = np.linalg.solve(matrix, right)
         except np.linalg.LinAlgError:
@@ -253,6 +252,8 @@ class SuccessiveProjection:
         low[:first], high[:first] = lower, upper
         point = start
         for _ in range(_MAX_PROGRAMS):
+            if time.perf_counter() > stop_at:
+                return LateralAnswer(point, False, "stopped at the deadline")
             gradient, low[first:], high[first:] = self._lateral.linearise(
                 point.reshape(self._horizon, 2)
             )
@@ -261,12 +262,12 @@ class SuccessiveProjection:
             if answer is None:
                 return LateralAnswer(None, False, reason)
             moved = float(np.abs(answer - point).max())
+            if not moved < np.inf:
+                return LateralAnswer(None, False, "the solver's answer is not finite")
             point = answer
             refined = self._newton.refine(point, targets, previous, 10.0 * self._tolerance)
             if refined is not None:
                 return LateralAnswer(refined, True, "")
             if reason or moved < self._tolerance:
                 return LateralAnswer(point, False, reason)
-            if time.perf_counter() > stop_at:
-                return LateralAnswer(point, False, "stopped at its deadline")
         return LateralAnswer(point, False, "")

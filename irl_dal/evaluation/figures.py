@@ -119,8 +119,10 @@ def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
 
 
 def _draw(axes: Axes, panel: _Panel, rows: Sequence[Mapping[str, str]], boundary: int) -> None:
+    positive = False
     for curve in panel.curves:
         steps, values = _column(rows, curve.column)
+        positive |= bool((values > 0.0).any())
         axes.plot(
             steps,
             values,
@@ -134,7 +136,7 @@ def _draw(axes: Axes, panel: _Panel, rows: Sequence[Mapping[str, str]], boundary
     axes.set_xlim(left=0.0, right=float(rows[-1]["step"]) if rows else None)
     axes.set(xlabel="environment step", ylabel=panel.unit)
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    if panel.logarithmic:
+    if panel.logarithmic and positive:
         axes.set_yscale("log")
     if panel.percent:
         axes.set_ylim(bottom=0.0)

@@ -141,9 +141,8 @@ def spread_steps(
     steps: list[list[int]] = [[] for _ in lengths]
     for position, episode in enumerate(long_enough):
         share = states * (position + 1) // len(long_enough) - states * position // len(long_enough)
-        bounds = np.linspace(0, usable[episode], share + 1)
-        drawn = np.floor(rng.uniform(bounds[:-1], bounds[1:])).astype(int)
-        steps[episode] = sorted({int(step) for step in drawn})
+        bounds = np.linspace(0, usable[episode], min(share, usable[episode]) + 1).astype(int)
+        steps[episode] = rng.integers(bounds[:-1], bounds[1:]).tolist()
     return steps
 
 

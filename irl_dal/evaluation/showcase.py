@@ -31,7 +31,8 @@ def show_run(folder: RunFolder, console: Console) -> None:
     console.print(evaluation_table(evaluation.report, f"{config.variant}, {folder.path}"))
     figures = draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
     if config.evaluation.video_duration > 0.0:
-        film_drive(config, spec, telling_seed(evaluation.measurements), folder.video)
+        with console.status("filming one drive"):
+            film_drive(config, spec, telling_seed(evaluation.measurements), folder.video)
         figures.append(folder.video)
     for path in (folder.evaluation, *figures):
         console.print(f"written to {path}")

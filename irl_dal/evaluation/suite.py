@@ -186,8 +186,8 @@ def _join(answers: Sequence[HeldOutActions]) -> HeldOutActions | None:
 
 def _city_hash(config: RunConfig) -> str:
     """Hash of what the references' returns depend on: city, expert, bounds, and their code."""
-    parts = {"env": config.env, "expert": config.expert, "limits": config.limits}
-    text = json.dumps({name: asdict(part) for name, part in parts.items()}, sort_keys=True)
+    parts = [asdict(config.env), asdict(config.expert), asdict(config.limits)]
+    text = json.dumps(parts, sort_keys=True)
     digest = hashlib.sha256(text.encode())
     for package in (irl_dal.envs, expert, shield):
         for path in sorted(Path(package.__path__[0]).rglob("*")):

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
+from matplotlib.artist import Artist
 from matplotlib.axes import Axes
-from matplotlib.patches import Polygon
+from matplotlib.collections import PolyCollection
+from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
 from irl_dal.envs import Scene
@@ -30,6 +30,7 @@ PALETTE = {
     "lidar": "#00838f",
     "trail": "#0b3c5d",
     "muted": "#9aa0a6",
+    "text": "#5f6368",
 }
 """Colours of the pictures; `ego` is for curves, the car itself is red as in the chase view."""
 
@@ -39,82 +40,98 @@ AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0
 SPACING = 1.0
 """Between two points of a drawn road line [m]."""
 
+LINES = {
+    -HALF_WIDTH: ("edge", 1.5, "-"),
+    HALF_WIDTH: ("edge", 1.5, "-"),
+    0.0: ("centre", 2.0, "-"),
+    -LANE_WIDTH: ("edge", 1.0, (0, (5, 5))),
+    LANE_WIDTH: ("edge", 1.0, (0, (5, 5))),
+}
+"""Offset of each road line [m]: colour, width, style."""
 
-@dataclass(slots=True)
+
 class TopView:
-    """Draws one scene after the other into the same axes.
+    """Everything that moves in the view, made once and then only moved.
 
-    Attributes:
+    Args:
         axes: Where to draw.
         lidar_range: Reading of a beam that hits nothing [m].
     """
 
-    axes: Axes
-    lidar_range: float
+    def __init__(self, axes: Axes, lidar_range: float) -> None:
+        self._lidar_range = lidar_range
+        axes.set(xlim=(-ASIDE, ASIDE), ylim=(-BEHIND, AHEAD), aspect="equal")
+        axes.set(xlabel="to the right [m]", ylabel="ahead [m]")
+        axes.set_facecolor(PALETTE["ground"])
+        names = ("road", "obstacle", "barrel", "car")
+        self._shapes = {
+            name: PolyCollection([], facecolor=PALETTE[name], animated=True) for name in names
+        }
+        for shapes in self._shapes.values():
+            axes.add_collection(shapes)
+        self._lines = {d: _line(axes, *style) for d, style in LINES.items()}
+        self._trail = _line(axes, "trail", 1.2, ":")
+        self._plan = _line(axes, "plan", 2.5, "-")
+        self._scan = _line(axes, "lidar", 0.0, "none")
+        self._scan.set(marker=".", markersize=3.0)
 
-    def draw(self, scene: Scene, trail: Array, plan: Array | None) -> None:
-        """Replace what is drawn.
+    @property
+    def artists(self) -> list[Artist]:
+        """What has to be drawn, from the ground up."""
+        shapes = self._shapes
+        above = [shapes["obstacle"], shapes["barrel"], self._scan, self._trail, shapes["car"]]
+        return [shapes["road"], *self._lines.values(), *above, self._plan]
+
+    def update(self, scene: Scene, trail: Array, plan: Array | None) -> None:
+        """Move everything to where it is now.
 
         Args:
             scene: The moment.
             trail: Positions driven so far (T, 2) [m], world coordinates.
             plan: Positions of the plan (H + 1, 2) [m], world coordinates; None without one.
         """
-        axes = self.axes
-        axes.cla()
-        axes.set(xlim=(-ASIDE, ASIDE), ylim=(-BEHIND, AHEAD), aspect="equal")
-        axes.set(xlabel="to the right [m]", ylabel="ahead [m]")
-        axes.set_facecolor(PALETTE["ground"])
-        self._road(scene)
-        self._obstacles(scene)
-        self._scan(scene)
-        self._line(scene.vehicle, trail, "trail", linewidth=1.2, linestyle=":")
-        self._box(scene.vehicle, _ego_corners(scene.vehicle), "car")
-        if plan is not None:
-            self._line(scene.vehicle, plan, "plan", linewidth=2.5, label="plan")
-
-    def _road(self, scene: Scene) -> None:
-        road, vehicle = scene.road, scene.vehicle
-        here = road.locate(vehicle.x, vehicle.y).s
-        start = max(float(road.s[0]), here - BEHIND - ASIDE)
-        stop = min(float(road.s[-1]), here + AHEAD + ASIDE)
-        edges = [road.line(start, stop, d, SPACING) for d in (-HALF_WIDTH, HALF_WIDTH)]
-        self._box(vehicle, np.concatenate([edges[0], edges[1][::-1]]), "road")
-        for edge in edges:
-            self._line(vehicle, edge, "edge", linewidth=1.5)
-        self._line(vehicle, road.line(start, stop, 0.0, SPACING), "centre", linewidth=2.0)
-        for d in (-LANE_WIDTH, LANE_WIDTH):
-            line = road.line(start, stop, d, SPACING)
-            self._line(vehicle, line, "edge", linewidth=1.0, linestyle=(0, (5, 5)))
-
-    def _obstacles(self, scene: Scene) -> None:
+        vehicle = scene.vehicle
+        self._move_road(scene)
+        outlines: dict[str, list[Array]] = {"barrel": [], "obstacle": []}
         for obstacle in scene.obstacles:
             x, y, yaw = scene.road.pose(obstacle.s, obstacle.d)
             length, width, _ = obstacle.size
             corners = _corners(x, y, yaw, -0.5 * length, 0.5 * length, width)
-            self._box(scene.vehicle, corners, "barrel" if obstacle.kind == "barrel" else "obstacle")
+            kind = "barrel" if obstacle.kind == "barrel" else "obstacle"
+            outlines[kind].append(_in_view(vehicle, corners))
+        for kind, shapes in outlines.items():
+            self._shapes[kind].set_verts(shapes)
+        self._shapes["car"].set_verts([_in_view(vehicle, _ego_corners(vehicle))])
+        self._trail.set_data(*_in_view(vehicle, trail).T)
+        self._plan.set_data(*_in_view(vehicle, np.empty((0, 2)) if plan is None else plan).T)
+        hit = scene.scan < self._lidar_range
+        reach, bearing = scene.scan[hit], scene.angles[hit]
+        self._scan.set_data(-reach * np.sin(bearing), FRONT_BUMPER + reach * np.cos(bearing))
 
-    def _scan(self, scene: Scene) -> None:
-        hit = scene.scan < self.lidar_range
-        ahead = FRONT_BUMPER + scene.scan * np.cos(scene.angles)
-        left = scene.scan * np.sin(scene.angles)
-        self.axes.plot(-left[hit], ahead[hit], ".", color=PALETTE["lidar"], ms=2.5, zorder=5)
-
-    def _line(self, vehicle: VehicleState, points: Array, colour: str, **style: object) -> None:
-        right, ahead = _in_view(vehicle, points)
-        self.axes.plot(right, ahead, color=PALETTE[colour], solid_capstyle="butt", **style)
-
-    def _box(self, vehicle: VehicleState, corners: Array, colour: str) -> None:
-        shape = np.stack(_in_view(vehicle, corners), axis=1)
-        order = 1 if colour == "road" else 4
-        self.axes.add_patch(Polygon(shape, facecolor=PALETTE[colour], zorder=order))
+    def _move_road(self, scene: Scene) -> None:
+        road, vehicle = scene.road, scene.vehicle
+        here = road.locate(vehicle.x, vehicle.y).s
+        start = max(float(road.s[0]), here - BEHIND - ASIDE)
+        stop = min(float(road.s[-1]), here + AHEAD + ASIDE)
+        drawn = {d: _in_view(vehicle, road.line(start, stop, d, SPACING)) for d in self._lines}
+        for d, line in self._lines.items():
+            line.set_data(*drawn[d].T)
+        surface = np.concatenate([drawn[-HALF_WIDTH], drawn[HALF_WIDTH][::-1]])
+        self._shapes["road"].set_verts([surface])
 
 
-def _in_view(vehicle: VehicleState, points: Array) -> tuple[Array, Array]:
-    """World positions (n, 2) as metres to the right of and ahead of the rear axle."""
+def _line(axes: Axes, colour: str, width: float, style: object) -> Line2D:
+    (line,) = axes.plot(
+        [], [], color=PALETTE[colour], linewidth=width, linestyle=style, animated=True
+    )
+    return line
+
+
+def _in_view(vehicle: VehicleState, points: Array) -> Array:
+    """World positions (n, 2) as metres to the right of and ahead of the rear axle (n, 2)."""
     offset = points - (vehicle.x, vehicle.y)
     cos, sin = np.cos(vehicle.yaw), np.sin(vehicle.yaw)
-    return sin * offset[:, 0] - cos * offset[:, 1], cos * offset[:, 0] + sin * offset[:, 1]
+    return np.asarray(offset @ np.array([[sin, cos], [-cos, sin]]))
 
 
 def _ego_corners(vehicle: VehicleState) -> Array:

@@ -174,7 +174,10 @@ class BehaviourCloning:
 
     def state_dict(self) -> dict[str, Any]:
         """Optimiser and scheduler (the policy's weights are the policy's)."""
-        return {"optimizer": self._optimizer.state_dict(), "scheduler": self._scheduler.state_dict()}
+        return {
+            "optimizer": self._optimizer.state_dict(),
+            "scheduler": self._scheduler.state_dict(),
+        }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over the state of `state_dict`."""

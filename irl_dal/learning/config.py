@@ -8,6 +8,7 @@ from typing import Literal, get_args
 from irl_dal.learning.behaviour_cloning import CloningConfig
 from irl_dal.learning.diffusion_training import DiffusionTrainingConfig
 from irl_dal.learning.discriminator import DiscriminatorConfig
+from irl_dal.learning.disturbance import DisturbanceConfig
 from irl_dal.learning.experience_correction import CorrectionForm
 from irl_dal.learning.hybrid_reward import HybridRewardConfig
 from irl_dal.learning.policy import PPOConfig
@@ -55,6 +56,7 @@ class LearningConfig:
         diffusion: Training of the planner.
         discriminator: The GAIL discriminator.
         reward: The hybrid reward.
+        disturbance: Of the expert in phase 1 (not in the paper).
 
     Raises:
         ValueError: If a number or word cannot be meant.
@@ -81,6 +83,7 @@ class LearningConfig:
     diffusion: DiffusionTrainingConfig = field(default_factory=DiffusionTrainingConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
     reward: HybridRewardConfig = field(default_factory=HybridRewardConfig)
+    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
     def __post_init__(self) -> None:
         for name in ("imitation_steps", "buffer_capacity", *INTERVALS):

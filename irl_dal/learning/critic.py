@@ -1,4 +1,4 @@
-"""A warm start for the critic, so that the first PPO updates do not follow the noise of an untrained one."""
+"""A warm start for the critic: the first PPO updates should not follow an untrained one."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ def warm_start_critic(
     steps: int,
     rng: np.random.Generator,
 ) -> float:
-    """Regress the value head on the expert's discounted returns; the shared features stay as they are.
+    """Regress the value head on the expert's discounted returns; the shared features stay.
 
     Args:
         policy: Whose value head learns.

@@ -1,7 +1,7 @@
 """Training of the planner's denoiser on what the expert executed (paper, Phase 1; Ho et al., 2020).
 
-The loss is the planner's own (`DiffusionPlanner.loss`), since it knows what its network predicts. The
-network that plans carries the exponential moving average of the weights; the weights that the
+The loss is the planner's own (`DiffusionPlanner.loss`), since it knows what its network predicts.
+The network that plans carries the exponential moving average of the weights; the weights that the
 optimiser moves are kept here.
 """
 
@@ -28,8 +28,8 @@ class DiffusionTrainingConfig:
 
     Attributes:
         learning_rate: Of Adam.
-        max_grad_norm: Larger than Table II's G_max, which is the policy's: the denoiser's gradients are
-            not mixed with a policy's.
+        max_grad_norm: Larger than Table II's G_max, which is the policy's: the denoiser's
+            gradients are not mixed with a policy's.
         patience: Updates without progress before the learning rate falls (Table II).
         factor: By which it falls.
         min_learning_rate: Where it stops falling.
@@ -47,8 +47,8 @@ class DiffusionTrainingConfig:
     factor: float = 0.5
     min_learning_rate: float = 1e-4
     batch_size: int = 256
-    steps_imitation: int = 60
-    steps_mixed: int = 25
+    steps_imitation: int = 40
+    steps_mixed: int = 10
     average_decay: float = 0.99
     validation_size: int = 512
 
@@ -130,7 +130,7 @@ class DiffusionTraining:
         return float(np.mean(losses)) if losses else float("nan")
 
     def validate(self, replay: ReplayBuffer) -> float | None:
-        """Loss of the averaged weights on held-out chunks, to the scheduler too; None without any."""
+        """Loss of the averaged weights on held-out chunks, told to the scheduler; None without."""
         if replay.count(held_out=True, source="chunk") == 0:
             return None
         chunks = replay.chunks(self._rng, self.config.validation_size, held_out=True)
@@ -165,7 +165,7 @@ class DiffusionTraining:
 
     @torch.no_grad()
     def _follow(self, average: dict[str, Tensor]) -> None:
-        """Move the average towards the weights, faster at first: early weights are soon forgotten."""
+        """Move the average towards the weights, faster at first to forget the early ones."""
         self._updates += 1
         decay = min(self.config.average_decay, self._updates / (self._updates + 10.0))
         for name, value in self._network.state_dict().items():

@@ -75,8 +75,8 @@ class DiscriminatorReport:
 
     Attributes:
         loss: Mean binary cross-entropy, both sides added.
-        accuracy: Share of pairs of both sides, kept out of this update, that are told apart after it;
-            0.5 is a coin.
+        accuracy: Share of pairs of both sides, kept out of this update, that are told apart after
+            it; 0.5 is a coin.
         expert_logit: Mean logit of the expert's pairs that were kept out.
         agent_logit: Mean logit of the agent's pairs that were kept out.
     """
@@ -121,13 +121,15 @@ class Discriminator:
         """Frozen features (B, 512) of observations as the policy takes them."""
         parts = []
         for start in range(0, len(observation["speed"]), batch_size):
-            rows = {k: v[start : start + batch_size].to(self._device) for k, v in observation.items()}
+            rows = {
+                k: v[start : start + batch_size].to(self._device) for k, v in observation.items()
+            }
             prepared = preprocess_obs(rows, self._space, normalize_images=True)
             parts.append(self._encoder(prepared))
         return torch.cat(parts)
 
     def expert_logit(self, features: Tensor, actions: Tensor) -> Tensor:
-        """log D - log(1 - D) (B,) of features (B, 512) and executed actions (B, 2), normalised."""
+        """Logit log D - log(1 - D) (B,) of features (B, 512) and executed actions (B, 2)."""
         logit: Tensor = self._head(torch.cat([features, actions.to(features)], dim=1)).squeeze(1)
         return logit
 

@@ -2,8 +2,8 @@
 
 | form | replay buffer D_s | PPO buffer |
 |---|---|---|
-| `label` (default) | state with the expert's label and the marker | the policy's own draw, its own log-prob |
-| `paper` (Eq. 28) | the same | a_expert with its log-probability under the policy |
+| `label` (default) | state, expert's label, marker | the policy's own draw and log-probability |
+| `paper` (Eq. 28) | the same | a_expert, its log-probability under the policy |
 | `off` | such steps are left out | the policy's own draw |
 
 Eq. 28 as printed tells PPO that the policy drew an action which it did not draw, with a reward that
@@ -45,7 +45,9 @@ class ExperienceCorrection:
 
     def __post_init__(self) -> None:
         if self.form not in get_args(CorrectionForm):
-            raise ValueError(f"`saec` must be one of {get_args(CorrectionForm)}. Got {self.form!r}.")
+            raise ValueError(
+                f"`saec` must be one of {get_args(CorrectionForm)}. Got {self.form!r}."
+            )
 
     def keeps(self, intervened: bool) -> bool:
         """Whether the replay buffer gets the step; counts the marks."""

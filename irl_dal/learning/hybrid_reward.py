@@ -1,4 +1,4 @@
-"""The hybrid reward r = w_env r_env + w_irl r_irl (Eq. hybrid_reward), mixed when a rollout is complete.
+"""The hybrid reward r = w_env r_env + w_irl r_irl (Eq. hybrid_reward), mixed per rollout.
 
 | here | paper |
 |---|---|
@@ -7,15 +7,15 @@
 | `HybridRolloutBuffer.env_rewards`, `.imitation_rewards` | r_env, r_irl |
 | `HybridRolloutBuffer.rewards` | r_t |
 
-Two forms of r_irl. `printed` is -log(1 - D + eps) clipped to [r_min, r_max]: never negative, so that
-the agent is paid for every step by which it puts off the goal. `centred` (default) is the logit,
-scaled and clipped to [-1, 1]: zero where the discriminator cannot tell the two apart.
+Two forms of r_irl. `printed` is -log(1 - D + eps) clipped to [r_min, r_max]: never negative, so
+that the agent is paid for every step by which it puts off the goal. `centred` (default) is the
+logit, scaled and clipped to [-1, 1]: zero where the discriminator cannot tell the two apart.
 
-Ends of episodes. A reward that stops at the end of an episode makes ending it worth something of its
-own: with r_irl < 0 a crash would be a relief. So r_irl goes on after the end, as if in an absorbing
-state (Kostrikov et al., "Discriminator-Actor-Critic", 2019): at its lower bound after a failure, which
-can then never be better than driving on, and at the rollout's mean after a success, which neither
-pays nor costs. Time limits are bootstrapped with the critic, by stable-baselines3.
+Ends of episodes. A reward that stops at the end of an episode makes ending it worth something of
+its own: with r_irl < 0 a crash would be a relief. So r_irl goes on after the end, as if in an
+absorbing state (Kostrikov et al., "Discriminator-Actor-Critic", 2019): at its lower bound after a
+failure, which can then never be better than driving on, and at the rollout's mean after a success,
+which neither pays nor costs. Time limits are bootstrapped with the critic, by stable-baselines3.
 """
 
 from __future__ import annotations
@@ -34,6 +34,7 @@ from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 __all__ = ["End", "HybridReward", "HybridRewardConfig", "HybridRolloutBuffer", "StepOutcome"]
 
 Array = NDArray[np.float32]
+Appraise = Callable[[dict[str, NDArray[Any]], Array], tuple[Array, Array]]
 Judge = Callable[[dict[str, NDArray[Any]], Array], Array | None]
 ImitationForm = Literal["centred", "printed"]
 
@@ -171,20 +172,33 @@ class HybridReward:
 class HybridRolloutBuffer(DictRolloutBuffer):
     """stable-baselines3's rollout buffer (one environment) with the mixed reward.
 
-    `annotate` must be called before each `add`, that is from a callback's `on_step`. Rewards are mixed in
-    one batch when the rollout is complete, before returns and advantages are computed.
+    `annotate` must be called before each `add`, that is from a callback's `on_step`. Rewards are
+    mixed in one batch when the rollout is complete, before returns and advantages are computed.
+
+    Behaviour cloning moves the policy while a rollout is collected. `appraise` renews values and
+    log-probabilities of the whole rollout, so that PPO's clipping is centred at the policy that the
+    update begins with, as in Hilton et al., "Batch size-invariance for policy optimization" (2022);
+    advantages of actions that have become less likely are weighted down by the ratio, cut at 1.
 
     Args:
         hybrid: Mixes the rewards.
         rng: Source of the order of minibatches.
+        appraise: Gives values (N,) and log-probabilities (N,) of observations and stored actions
+            (N, 2) under the present policy; None keeps what was seen on the way.
         **arguments: Of `DictRolloutBuffer`.
     """
 
     def __init__(
-        self, *args: Any, hybrid: HybridReward, rng: np.random.Generator, **arguments: Any
+        self,
+        *args: Any,
+        hybrid: HybridReward,
+        rng: np.random.Generator,
+        appraise: Appraise | None = None,
+        **arguments: Any,
     ) -> None:
         self.hybrid = hybrid
         self.rng = rng
+        self.appraise = appraise
         self._outcome: StepOutcome | None = None
         super().__init__(*args, **arguments)
         if self.n_envs != 1:
@@ -254,9 +268,20 @@ class HybridRolloutBuffer(DictRolloutBuffer):
             correction,
         )
         self.rewards[:, 0] = mixed + self.bootstraps
+        weights = self._renew(observations)
         super().compute_returns_and_advantage(last_values, dones)
+        self.advantages[:, 0] *= weights
 
-    def get(
+    def _renew(self, observations: dict[str, NDArray[Any]]) -> Array:
+        """Renew values and log-probabilities; gives the weights of the advantages (N,)."""
+        if self.appraise is None:
+            return np.ones(self.buffer_size, np.float32)
+        values, log_probs = self.appraise(observations, self.actions[:, 0])
+        weights = np.exp(np.minimum(log_probs - self.log_probs[:, 0], 0.0))
+        self.values[:, 0], self.log_probs[:, 0] = values, log_probs
+        return weights.astype(np.float32)
+
+    def get(  # type: ignore[override]  # as in stable-baselines3's own dictionary buffer
         self, batch_size: int | None = None
     ) -> Generator[DictRolloutBufferSamples, None, None]:
         """Minibatches in an order drawn from `rng`."""

@@ -22,7 +22,8 @@ __all__ = ["Learners"]
 class Learners:
     """Policy, planner and discriminator with the data that they learn from.
 
-    What an update has to report goes into PPO's logger, and from there into the next row of metrics.
+    What an update has to report goes into PPO's logger, and from there into the next row of
+    metrics.
 
     Args:
         config: Sizes and rates.

@@ -19,8 +19,8 @@ FIRST_COLUMN = "step"
 class MetricsCsv(KVWriter):
     """One row per dump, the environment step first, a new column whenever a new key turns up.
 
-    What lies in the file from an earlier part of the run is kept up to `step`: rows of an interval that
-    was lost, or half a row that a killed process left, are removed. Every rewrite is atomic.
+    What lies in the file from an earlier part of the run is kept up to `step`: rows of an interval
+    that was lost, or half a row that a killed process left, are removed. Every rewrite is atomic.
 
     Args:
         path: The CSV file.

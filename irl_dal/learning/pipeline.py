@@ -5,15 +5,15 @@
 | Observe o_t, a_t^* = FSM(o_t), execute, store | `Recorder.step_expert` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts` through `ControlLoop.step` |
+| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts`, `ControlLoop.step` |
 | r_irl, r_t | `HybridRolloutBuffer.compute_returns_and_advantage` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.step` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
 | should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
 | Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
 
-"t mod T = 0" is read as "after every T-th step". The last PPO update may have fewer steps than the others,
-so that the run ends at N_total exactly.
+"t mod T = 0" is read as "after every T-th step". The last PPO update may have fewer steps than the
+others, so that the run ends at N_total exactly.
 """
 
 from __future__ import annotations
@@ -33,11 +33,12 @@ from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.critic import warm_start_critic
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
+from irl_dal.learning.disturbance import Disturbance
 from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import HybridReward, HybridRolloutBuffer, StepOutcome
 from irl_dal.learning.learners import Learners
 from irl_dal.learning.mixed_phase import MixedPhase
-from irl_dal.learning.policy import DrivingPolicy, build_ppo, driving_policy
+from irl_dal.learning.policy import DrivingPolicy, appraise, build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.recorder import Recorder
 from irl_dal.learning.run_log import RunLog
@@ -46,8 +47,11 @@ from irl_dal.perception import PerceptionConfig
 
 __all__ = ["Pipeline"]
 
-STREAMS = ("episodes", "policy", "replay", "rollout", "discriminator", "diffusion", "critic")
+STREAMS = ("episodes", "policy", "replay", "rollout", "discriminator", "diffusion", "critic", "disturbance")
 """Independent random streams that the seed is split into."""
+
+NEVER = 2**31
+"""Rollouts between two rows that PPO writes by itself: the run log writes them."""
 
 
 class Pipeline:
@@ -94,7 +98,12 @@ class Pipeline:
         self._planner = loop.supervision.planner
         self.replay = _new_replay(config, loop)
         self.recorder = Recorder(
-            loop, self.replay, self.correction, self._rng["episodes"], config.first_seed
+            loop,
+            self.replay,
+            self.correction,
+            self._rng["episodes"],
+            config.first_seed,
+            Disturbance(config.disturbance, self._rng["disturbance"]),
         )
         self.hybrid = HybridReward(config.reward, config.ppo.gamma, self._judge)
         self.learners = self._build(perception, device)
@@ -182,7 +191,7 @@ class Pipeline:
             perception,
             rng=rng["policy"],
             buffer=HybridRolloutBuffer,
-            buffer_arguments={"hybrid": self.hybrid, "rng": rng["rollout"]},
+            buffer_arguments=self._buffer_arguments(),
             device=device,
         )
         policy = driving_policy(ppo)
@@ -200,6 +209,15 @@ class Pipeline:
             Discriminator(policy, config.discriminator, generator),
             rng["replay"],
         )
+
+    def _buffer_arguments(self) -> dict[str, Any]:
+        appraise = self._appraise if self.config.ppo.renew else None
+        return {"hybrid": self.hybrid, "rng": self._rng["rollout"], "appraise": appraise}
+
+    def _appraise(
+        self, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
+    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        return appraise(self.policy, observations, actions)
 
     def _judge(
         self, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
@@ -238,7 +256,7 @@ class Pipeline:
             self._resize_rollout(min(config.ppo.n_steps, config.total_steps - self.step))
             ppo.num_timesteps = self.step
             callback = MixedPhase(self.mixed_step)
-            ppo.learn(ppo.n_steps, callback, log_interval=None, reset_num_timesteps=False)
+            ppo.learn(ppo.n_steps, callback, log_interval=NEVER, reset_num_timesteps=False)
             self.log.add_time("ppo", callback.since_rollout())
             if self.step < config.total_steps:
                 self.save()
@@ -290,8 +308,7 @@ class Pipeline:
             device=ppo.device,
             gamma=config.gamma,
             gae_lambda=config.gae_lambda,
-            hybrid=self.hybrid,
-            rng=self._rng["rollout"],
+            **self._buffer_arguments(),
         )
 
     def _advance(self) -> None:

@@ -1,4 +1,4 @@
-"""The policy pi_theta and its PPO: stable-baselines3's, with our perception and our random source."""
+"""The policy pi_theta and its PPO: stable-baselines3's, with our perception and generator."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
@@ -22,6 +23,7 @@ __all__ = [
     "DrivingPolicy",
     "PPOConfig",
     "actor_parameters",
+    "appraise",
     "build_policy",
     "build_ppo",
     "mean_action",
@@ -45,8 +47,13 @@ class PPOConfig:
         vf_coef: Value loss coefficient c_1.
         max_grad_norm: G_max.
         initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
-            normalised units, steering and speed. Not in the paper: small, so that exploring does not
-            undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
+            normalised units, steering and speed. Not in the paper: small, so that exploring does
+            not undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
+        target_kl: Divergence from the policy that an update begins with at which the update stops
+            (not in the paper); None for never. With little noise a small step of the mean is a
+            large divergence: without a limit one update undoes what was cloned.
+        renew: Take divergence and probability ratio from the policy as it is when the update
+            begins; False from the one that acted, which behaviour cloning has moved on since.
         hidden: Units in the two hidden layers of each head (stable-baselines3's default; the paper
             says "lightweight MLP head").
     """
@@ -62,6 +69,8 @@ class PPOConfig:
     vf_coef: float = 0.5
     max_grad_norm: float = 0.5
     initial_log_std: tuple[float, float] = (-3.0, -2.5)
+    target_kl: float | None = 0.02
+    renew: bool = True
     hidden: int = 64
 
     def __post_init__(self) -> None:
@@ -71,6 +80,8 @@ class PPOConfig:
         for name in ("learning_rate", "clip_range", "max_grad_norm"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        if self.target_kl is not None and not self.target_kl > 0.0:
+            raise ValueError(f"`target_kl` must be positive. Got {self.target_kl}.")
         if not 0.0 <= self.gamma < 1.0:
             raise ValueError(f"`gamma` must be in [0, 1). Got {self.gamma}.")
         if not 0.0 <= self.gae_lambda <= 1.0:
@@ -86,7 +97,9 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
 
     generator: torch.Generator | None = None
 
-    def forward(self, obs: PyTorchObs, deterministic: bool = False) -> tuple[Tensor, Tensor, Tensor]:
+    def forward(
+        self, obs: PyTorchObs, deterministic: bool = False
+    ) -> tuple[Tensor, Tensor, Tensor]:
         """Act.
 
         Returns:
@@ -137,6 +150,7 @@ def build_ppo(
             ent_coef=config.ent_coef,
             vf_coef=config.vf_coef,
             max_grad_norm=config.max_grad_norm,
+            target_kl=config.target_kl,
             rollout_buffer_class=buffer,
             rollout_buffer_kwargs=dict(buffer_arguments),
             policy_kwargs=policy_arguments(config, perception),
@@ -154,13 +168,32 @@ def driving_policy(ppo: PPO) -> DrivingPolicy:
     return ppo.policy
 
 
+def appraise(
+    policy: DrivingPolicy,
+    observations: dict[str, NDArray[Any]],
+    actions: NDArray[np.float32],
+    batch_size: int = 512,
+) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Values (N,) and log-probabilities (N,) of a rollout (images channels first)."""
+    values, log_probs = [], []
+    for start in range(0, len(actions), batch_size):
+        rows = slice(start, start + batch_size)
+        seen, _ = policy.obs_to_tensor({key: value[rows] for key, value in observations.items()})
+        drawn = torch.from_numpy(actions[rows]).to(policy.device)
+        with torch.no_grad():
+            value, log_prob, _ = policy.evaluate_actions(seen, drawn)
+        values.append(value.flatten().cpu().numpy())
+        log_probs.append(log_prob.cpu().numpy())
+    return np.concatenate(values), np.concatenate(log_probs)
+
+
 def build_policy(
     observation_space: gymnasium.spaces.Dict,
     action_space: gymnasium.spaces.Box,
     config: PPOConfig,
     perception: PerceptionConfig,
 ) -> DrivingPolicy:
-    """A policy without PPO around it, to load a trained one into: `predict` takes the city's observations.
+    """A policy without PPO, to load a trained one into: `predict` takes the city's observations.
 
     Args:
         observation_space: The city's, images channels last.
@@ -182,7 +215,7 @@ def build_policy(
 
 
 def observation_tensors(batch: ReplayBatch, device: torch.device | str) -> dict[str, Tensor]:
-    """A replay batch as the policy wants it: images (B, 3, 64, 64) uint8, lidar [m], speed [m/s]."""
+    """A replay batch as the policy wants it: images (B, 3, 64, 64), lidar [m], speed [m/s]."""
     return {
         "image": torch.from_numpy(batch.images).permute(0, 3, 1, 2).to(device),
         "lidar": torch.from_numpy(batch.lidar).to(device),

@@ -65,8 +65,10 @@ class ProgressBar:
             console=self.console,
             refresh_per_second=4,
         )
-        self._task = None if not self.console.is_terminal else self._bar.add_task(
-            "", total=None, speed=0.0, metrics=""
+        self._task = (
+            None
+            if not self.console.is_terminal
+            else self._bar.add_task("", total=None, speed=0.0, metrics="")
         )
 
     def begin(self, phase: str, step: int, last: int) -> None:
@@ -87,7 +89,9 @@ class ProgressBar:
     def metrics(self, step: int, values: Mapping[str, float]) -> None:
         """Show the newest of the key metrics."""
         self._shown |= {key: float(value) for key, value in values.items() if key in SHOWN}
-        text = "  ".join(form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown)
+        text = "  ".join(
+            form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown
+        )
         then, now = self._clock, (step, time.monotonic())
         speed = (now[0] - then[0]) / max(now[1] - then[1], 1e-9)
         self._rows += 1

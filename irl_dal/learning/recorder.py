@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import ReplayBuffer, Transition
+from irl_dal.learning.disturbance import Disturbance
 from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import End
 from irl_dal.loop import ControlLoop
@@ -99,6 +100,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
         correction: Says whether intervened steps are stored.
         rng: Source of episode seeds.
         first_seed: Smallest seed of a training episode.
+        disturbance: Pushes the expert aside now and then.
     """
 
     def __init__(
@@ -108,6 +110,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
         correction: ExperienceCorrection,
         rng: np.random.Generator,
         first_seed: int,
+        disturbance: Disturbance,
     ) -> None:
         super().__init__(loop)
         self.loop = loop
@@ -117,6 +120,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
         self._correction = correction
         self._rng = rng
         self._first_seed = first_seed
+        self._disturbance = disturbance
         self._recent = _Recent()
         self._episode = -1
 
@@ -138,22 +142,22 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
         """Begin an episode with the next seed (or the given one)."""
         drawn = int(self._rng.integers(self._first_seed, 2**31)) if seed is None else seed
         self._observation, self._info = self.loop.reset(seed=drawn, options=options)
+        self._disturbance.reset()
         self._episode += 1
         self._step = 0
         self._return = 0.0
         return self._observation, {}
 
-    def step(
-        self, action: NDArray[Any]
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """Drive with the policy's normalised action."""
         error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
         self.counts.disagreement += float(error)
         return self._record(self.loop.step(action), expert_drove=False)
 
     def step_expert(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive with the expert's command."""
-        return self._record(self.loop.step_expert(), expert_drove=True)
+        """Drive with the expert's command; a disturbed step is not part of a demonstration."""
+        offset = self._disturbance.step()
+        return self._record(self.loop.step_expert(offset), expert_drove=offset is None)
 
     def state_dict(self) -> dict[str, Any]:
         """Counts and random state; the episode in progress is not kept."""

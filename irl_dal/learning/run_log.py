@@ -7,13 +7,14 @@ Columns of `metrics.csv`; a cell is empty where the row has nothing new to say.
 | `step`, `phase` | environment steps so far; 1 imitation, 2 mixed |
 | `rollout/env_reward` | mean environment reward per step since the last row |
 | `rollout/episode_return`, `rollout/success_rate` | means over the newest 20 episodes |
-| `rollout/intervention_rate`, `rollout/shield_rate` | share of steps since the last row on which the planner was triggered, the shield changed the command |
-| `rollout/action_similarity` | 1 - mean abs(a_pi - a*) / 2 since the last row, exploration included |
-| `bc/train_loss`, `bc/loss`, `bc/loss_<mode>` | training loss with L2; held-out loss, all modes and each |
+| `rollout/intervention_rate` | share of steps since the last row with the planner triggered |
+| `rollout/shield_rate` | share of steps since the last row with the command changed by the shield |
+| `rollout/action_similarity` | 1 - mean abs(a_pi - a*) / 2 since the last row, with exploration |
+| `bc/train_loss`, `bc/loss`, `bc/loss_<mode>` | training with L2; held out, all modes and each |
 | `mask/alpha_speed`, `mask/alpha_lidar` | the adaptive mask's parameters |
 | `planner/train_loss`, `planner/loss` | denoising loss, training and held out |
 | `discriminator/loss`, `/accuracy`, `/expert_logit`, `/agent_logit` | of the newest update |
-| `reward/env`, `reward/imitation`, `reward/failures` | means of r_env and r_irl, failures, per rollout |
+| `reward/env`, `reward/imitation`, `reward/failures` | r_env, r_irl, failures per rollout |
 | `train/...` | stable-baselines3's own |
 | `count/...` | what happened so far: see `Counts`; `count/saec_marks` |
 | `replay/<mode>` | transitions in each partition |
@@ -123,7 +124,9 @@ class RunLog:
 
     def _totals(self) -> dict[str, float]:
         counts = self._recorder.counts
-        totals = {f"count/{k}": v for k, v in asdict(counts).items() if isinstance(v, int)}
+        totals: dict[str, float] = {
+            f"count/{k}": v for k, v in asdict(counts).items() if isinstance(v, int)
+        }
         totals |= {f"time/{part}": seconds for part, seconds in self.seconds.items()}
         if counts.episodes:
             totals["rollout/episode_return"] = self._recorder.episode_return

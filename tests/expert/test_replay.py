@@ -53,7 +53,7 @@ def numbers(batch: ReplayBatch) -> list[int]:
 
 
 def test_sampling_is_balanced_over_modes_and_uniform_over_transitions() -> None:
-    """A mode with 1 % of the data is a third of a balanced batch of three modes, 1 % of a uniform one."""
+    """A mode with 1 % of the data is a third of a balanced batch, 1 % of a uniform one."""
     buffer, rng = small_buffer(1000), np.random.default_rng(0)
     for number in range(900):
         buffer.add(transition(number))

@@ -67,8 +67,18 @@ def test_states_of_optimisers_schedulers_and_generators_come_back_equal(tmp_path
         "scheduler": scheduler.state_dict(),
         "rng": rng.bit_generator.state,
         "generator": generator.get_state(),
-        "misc": {"inf": float("inf"), "none": None, "pair": (1, "a"), "list": [True, 2.5], 3: "int"},
-        "arrays": {"flags": np.array([True, False]), "scalar": np.array(3), "empty": np.zeros((0, 2))},
+        "misc": {
+            "inf": float("inf"),
+            "none": None,
+            "pair": (1, "a"),
+            "list": [True, 2.5],
+            3: "int",
+        },
+        "arrays": {
+            "flags": np.array([True, False]),
+            "scalar": np.array(3),
+            "empty": np.zeros((0, 2)),
+        },
     }
     CheckpointStore(tmp_path).save(state, step=12)
     loaded = CheckpointStore(tmp_path).load()
@@ -91,7 +101,9 @@ def test_only_the_newest_checkpoint_is_kept(tmp_path: Path) -> None:
     assert store.load().step == 20
 
 
-def test_saving_twice_at_one_step_never_leaves_a_moment_without_a_checkpoint(tmp_path: Path) -> None:
+def test_saving_twice_at_one_step_never_leaves_a_moment_without_a_checkpoint(
+    tmp_path: Path,
+) -> None:
     """The second checkpoint of a step gets a folder of its own."""
     store = CheckpointStore(tmp_path)
     first = store.save({"a": 1}, step=10)
@@ -199,7 +211,8 @@ import numpy as np, torch
 from irl_dal.checkpoint import CheckpointStore
 store = CheckpointStore(Path(sys.argv[1]))
 for step in range(1, 10_000):
-    shard = {"serial": np.arange(8 * (step - 1), 8 * step), "value": np.full((8, 2000), float(step))}
+    serials = np.arange(8 * (step - 1), 8 * step)
+    shard = {"serial": serials, "value": np.full((8, 2000), float(step))}
     store.save({"step": step, "w": torch.full((50_000,), float(step))}, step=step, shard=shard)
     print(step, flush=True)
 """

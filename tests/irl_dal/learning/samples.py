@@ -44,7 +44,7 @@ def observation(rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
 
 
 def label(seen: dict[str, NDArray[np.generic]]) -> NDArray[np.float32]:
-    """What the expert of these tests does: steer by the left half of the scan, drive by its speed."""
+    """What the expert of these tests does: steer by the left half of the scan, mind its speed."""
     return np.array([seen["lidar"][-1] / 40.0 - 0.5, 0.5 - seen["speed"][0] / 12.0], np.float32)
 
 

@@ -28,7 +28,7 @@ def test_cloning_learns_and_reports_each_mode() -> None:
 
 
 def test_the_loss_is_the_papers_equation() -> None:
-    """Batch mean of the squared norm plus lambda times the squared weights, recomputed with numpy."""
+    """Batch mean of the squared norm plus lambda times the squared weights, recomputed."""
     replay, policy = filled_replay(50), new_policy()
     l2 = 1e-3
     cloning = BehaviourCloning(policy, CloningConfig(l2=l2))
@@ -67,9 +67,10 @@ def test_gradients_are_clipped() -> None:
     batch = replay.sample(np.random.default_rng(0), 16)
     before = [p.detach().clone() for p in actor_parameters(policy)]
     cloning.update(lambda: batch, 1)
-    # Adam divides by the gradient plus 1e-8: a gradient of 1e-12 moves nothing far, a real one by 1.
+    # Adam divides by the gradient plus 1e-8: 1e-12 moves nothing far, a real gradient moves by 1.
     moved = max(
-        float((p - q).detach().abs().max()) for p, q in zip(actor_parameters(policy), before, strict=True)
+        float((p - q).detach().abs().max())
+        for p, q in zip(actor_parameters(policy), before, strict=True)
     )
     assert moved < 1e-3
 
@@ -91,7 +92,7 @@ def test_cloning_leaves_the_critic_and_the_exploration_alone() -> None:
 
 
 def test_the_learning_rate_falls_on_a_plateau() -> None:
-    """After `patience` updates without progress the rate is multiplied by `factor`, to its floor."""
+    """After `patience` updates without progress it is multiplied by `factor`, to its floor."""
     config = CloningConfig(patience=2, factor=0.5, min_learning_rate=1e-4)
     cloning = BehaviourCloning(new_policy(), config)
     rates = []
@@ -126,7 +127,13 @@ def test_without_held_out_states_there_is_no_loss() -> None:
 
 @pytest.mark.parametrize(
     ("key", "value"),
-    [("learning_rate", 0.0), ("l2", -1.0), ("batch_size", 0), ("factor", 1.0), ("corrected_share", 2.0)],
+    [
+        ("learning_rate", 0.0),
+        ("l2", -1.0),
+        ("batch_size", 0),
+        ("factor", 1.0),
+        ("corrected_share", 2.0),
+    ],
 )
 def test_impossible_values_are_refused(key: str, value: float) -> None:
     """The refusal names the key and the value."""

@@ -48,7 +48,7 @@ def test_expert_pairs_get_positive_logits() -> None:
 
 
 def test_an_agent_that_drives_as_the_expert_cannot_be_told_apart() -> None:
-    """Pairs of the same kind on both sides: on pairs that were kept out, accuracy is that of a coin."""
+    """The same kind of pairs on both sides: on those kept out, accuracy is that of a coin."""
     report = new_discriminator().update(*both_sides(wrong=0.0))
     assert 0.35 < report.accuracy < 0.65
 
@@ -75,7 +75,7 @@ def test_training_leaves_the_perception_as_it_is() -> None:
 
 
 def test_sync_copies_the_policys_perception() -> None:
-    """Until SyncFeatures the discriminator sees with the old perception, afterwards with the new one."""
+    """Until SyncFeatures the discriminator sees with the old perception, then with the new."""
     discriminator, newer = new_discriminator(), new_policy(seed=5)
     seen = both_sides(0.0)[0][0]
     with torch.no_grad():
@@ -106,7 +106,9 @@ def test_the_global_random_state_is_left_alone() -> None:
     assert torch.equal(torch.get_rng_state(), before)
 
 
-@pytest.mark.parametrize(("key", "value"), [("hidden", 0), ("learning_rate", -1.0), ("action_noise", -0.1)])
+@pytest.mark.parametrize(
+    ("key", "value"), [("hidden", 0), ("learning_rate", -1.0), ("action_noise", -0.1)]
+)
 def test_impossible_values_are_refused(key: str, value: float) -> None:
     """The refusal names the key and the value."""
     with pytest.raises(ValueError, match=f"`{key}` must .*Got {value}"):

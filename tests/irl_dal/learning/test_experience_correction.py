@@ -38,7 +38,9 @@ def test_the_experts_action_comes_with_its_probability_under_the_policy() -> Non
     action, log_prob = ExperienceCorrection.expert_draw(policy, seen, label)
     z = (label - mean) / np.exp(log_std)
     assert action is label
-    assert log_prob == pytest.approx((-0.5 * z**2 - log_std - 0.5 * np.log(2 * np.pi)).sum(), rel=1e-4)
+    assert log_prob == pytest.approx(
+        (-0.5 * z**2 - log_std - 0.5 * np.log(2 * np.pi)).sum(), rel=1e-4
+    )
 
 
 def test_an_unknown_form_is_refused() -> None:

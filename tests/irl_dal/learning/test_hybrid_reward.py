@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from irl_dal.learning.hybrid_reward import (
+    Appraise,
     End,
     HybridReward,
     HybridRewardConfig,
@@ -31,6 +32,7 @@ def filled_buffer(
     outcomes: list[StepOutcome],
     values: NDArray[np.float32],
     bootstraps: dict[int, float] | None = None,
+    appraise: Appraise | None = None,
 ) -> HybridRolloutBuffer:
     """A buffer with one step per outcome, as stable-baselines3's loop fills it."""
     buffer = HybridRolloutBuffer(
@@ -41,6 +43,7 @@ def filled_buffer(
         gamma=GAMMA,
         hybrid=reward,
         rng=np.random.default_rng(0),
+        appraise=appraise,
     )
     rng, starts = np.random.default_rng(1), True
     for step, outcome in enumerate(outcomes):
@@ -99,7 +102,7 @@ def test_advantages_agree_with_an_independent_recomputation() -> None:
 
 @given(st.floats(-200.0, 200.0))
 def test_both_forms_are_bounded_and_grow_with_the_logit(logit: float) -> None:
-    """Centred lies in [-1, 1] and is odd; printed lies in [r_min, r_max]; neither falls as D grows."""
+    """Centred is in [-1, 1] and odd; printed in [r_min, r_max]; neither falls as D grows."""
     centred, printed = hybrid(), hybrid(form="printed", r_max=3.0)
     near = np.array([logit, logit + 1.0, -logit], np.float32)
     r = centred.imitation_reward(near)
@@ -120,7 +123,7 @@ def test_the_printed_form_is_the_papers_equation() -> None:
 
 
 def test_the_printed_form_pays_for_every_step_and_the_centred_one_does_not() -> None:
-    """An agent that the discriminator finds out earns from going on as printed, loses as centred."""
+    """An agent that is found out earns from going on as printed, loses as centred."""
     logits = np.full(5, -1.0, np.float32)
     assert np.all(hybrid(form="printed").imitation_reward(logits) > 0.0)
     assert np.all(hybrid().imitation_reward(logits) < 0.0)
@@ -128,7 +131,7 @@ def test_the_printed_form_pays_for_every_step_and_the_centred_one_does_not() -> 
 
 @given(st.lists(st.floats(-30.0, 30.0, width=32), min_size=2, max_size=20))
 def test_failing_is_never_better_than_driving_on(logits: list[float]) -> None:
-    """Whatever the discriminator says: r_irl after a failure is at most that of any way of going on."""
+    """Whatever D says, r_irl after a failure is at most that of any way of going on."""
     reward = hybrid(np.array(logits, np.float32))
     imitation = reward.imitation_reward(np.array(logits, np.float32))
     ends = np.full(len(logits), End.GOES_ON, np.int8)
@@ -172,6 +175,21 @@ def test_corrections_can_be_penalised() -> None:
     buffer = filled_buffer(reward, outcomes, np.zeros(2, np.float32))
     buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))
     assert buffer.rewards[:, 0] == pytest.approx(np.array([0.0, -2.0 * 0.5]))
+
+
+def test_renewed_values_replace_those_seen_on_the_way() -> None:
+    """Advantages come from the policy that the update begins with; unlikely actions weigh less."""
+    outcomes = [outcome(float(t)) for t in range(6)]
+    old, new = np.zeros(6, np.float32), np.linspace(-1.0, 1.0, 6, dtype=np.float32)
+    log_probs = np.array([-1.0, -2.0, 0.0, -1.0, -4.0, -0.5], np.float32)
+    plain = filled_buffer(hybrid(None), outcomes, new)
+    renewed = filled_buffer(hybrid(None), outcomes, old, appraise=lambda _s, _a: (new, log_probs))
+    for buffer in (plain, renewed):
+        buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))
+    weights = np.exp(np.minimum(log_probs - -1.0, 0.0))
+    assert renewed.advantages[:, 0] == pytest.approx(plain.advantages[:, 0] * weights, abs=1e-6)
+    assert renewed.returns == pytest.approx(plain.returns)
+    assert np.array_equal(renewed.log_probs[:, 0], log_probs)
 
 
 def test_the_policys_own_draw_is_kept_unless_something_else_is_to_be_stored() -> None:

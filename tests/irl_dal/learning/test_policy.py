@@ -9,6 +9,7 @@ import torch
 from irl_dal.learning.policy import (
     PPOConfig,
     actor_parameters,
+    appraise,
     mean_action,
     observation_tensors,
 )
@@ -38,12 +39,11 @@ def test_drawn_actions_follow_the_policys_own_distribution() -> None:
     policy.generator = torch.Generator().manual_seed(0)
     with torch.no_grad():
         policy.log_std.copy_(torch.tensor([-2.0, -1.0]))
-        many = {key: value.expand(20_000, *value.shape[1:]) for key, value in seen.items()}
-        many = {key: value[:4000] for key, value in many.items()}
+        many = {key: value.expand(1500, *value.shape[1:]) for key, value in seen.items()}
         actions, values, log_prob = policy(many)
         mean = mean_action(policy, seen)[0]
         expected = policy.evaluate_actions(many, actions)
-    assert actions.std(dim=0).numpy() == pytest.approx(np.exp([-2.0, -1.0]), rel=0.05)
+    assert actions.std(dim=0).numpy() == pytest.approx(np.exp([-2.0, -1.0]), rel=0.1)
     assert (actions.mean(dim=0) - mean).abs().max().item() < 0.03
     assert torch.allclose(log_prob, expected[1], atol=1e-5)
     assert torch.allclose(values, expected[0], atol=1e-5)
@@ -80,8 +80,21 @@ def test_actor_parameters_are_those_that_move_the_mean_action() -> None:
     assert reached == {id(p) for p in actor_parameters(policy)}
 
 
+def test_a_rollout_is_appraised_as_the_policy_would_do_it_step_by_step() -> None:
+    """Values and log-probabilities in batches equal those of single forward passes."""
+    policy, seen = new_policy(), some_observations(7)
+    policy.generator = torch.Generator().manual_seed(0)
+    with torch.no_grad():
+        actions, values, log_probs = policy(seen)
+    arrays = {key: value.numpy() for key, value in seen.items()}
+    found = appraise(policy, arrays, actions.numpy(), batch_size=3)
+    assert found[0] == pytest.approx(values.flatten().numpy(), abs=1e-5)
+    assert found[1] == pytest.approx(log_probs.numpy(), abs=1e-4)
+
+
 @pytest.mark.parametrize(
-    ("key", "value"), [("n_steps", 0), ("gamma", 1.0), ("gae_lambda", 1.5), ("clip_range", 0.0)]
+    ("key", "value"),
+    [("target_kl", 0.0), ("n_steps", 0), ("gamma", 1.0), ("gae_lambda", 1.5), ("clip_range", 0.0)],
 )
 def test_impossible_values_are_refused(key: str, value: float) -> None:
     """The refusal names the key and the value."""

@@ -1,0 +1,93 @@
+r"""The dynamic program of `shield.chain`, over many chains at once.
+
+The derivative of the value function is kept as *unsorted* knots (x, g), one row per knot: being
+increasing, the knot before its root is the largest x, and the largest g, among the negative ones.
+So no chain needs its own insertion position, and every operation is one over all chains.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["solve_chains"]
+
+Array = NDArray[np.float64]
+
+
+def solve_chains(
+    targets: Array, low: Array, high: Array, rise: Array, fall: Array, previous: Array
+) -> Array:
+    """Return the exact minimisers of N chains, up to rounding errors.
+
+    Args:
+        targets: Wanted values, shape (H, N), finite.
+        low: Smallest values, shape (N,).
+        high: Largest values, shape (N,).
+        rise: Largest rises in one step, shape (N,).
+        fall: Largest falls in one step, shape (N,).
+        previous: Values before the first step, shape (N,).
+
+    Returns:
+        The minimisers, shape (H, N).
+    """
+    horizon, chains = targets.shape
+    knots = np.empty((2 * horizon, chains))
+    slopes = np.empty((2 * horizon, chains))
+    knots[0] = np.clip(previous - fall, low, high)
+    knots[1] = np.clip(previous + rise, low, high)
+    np.subtract(knots[:2], targets[0], out=slopes[:2])
+    minima = np.empty((horizon, chains))
+    for step in range(horizon):
+        used = 2 * (step + 1)
+        x, g = knots[:used], slopes[:used]
+        minima[step], negative = _root(x, g)
+        if step + 1 == horizon:
+            break
+        x += np.where(negative, -fall, rise)
+        x, g = knots[: used + 2], slopes[: used + 2]
+        np.subtract(minima[step], fall, out=x[used])
+        np.add(minima[step], rise, out=x[used + 1])
+        g[used:] = 0.0
+        _cut(x, g, high)
+        np.negative(x, out=x)
+        np.negative(g, out=g)
+        _cut(x, g, -low)
+        np.negative(x, out=x)
+        np.negative(g, out=g)
+        g += x
+        g -= targets[step + 1]
+    solution = np.empty((horizon, chains))
+    solution[-1] = minima[-1]
+    for step in range(horizon - 2, -1, -1):
+        later = solution[step + 1]
+        np.clip(minima[step], later - rise, later + fall, out=solution[step])
+    return solution
+
+
+def _root(x: Array, g: Array) -> tuple[Array, NDArray[np.bool_]]:
+    """Return where each derivative changes sign, (N,), and which knots are before it, (K, N)."""
+    negative = g < 0.0
+    x0 = np.where(negative, x, -np.inf).max(axis=0)
+    g0 = np.where(negative, g, -np.inf).max(axis=0)
+    x1 = np.where(negative, np.inf, x).min(axis=0)
+    g1 = np.where(negative, np.inf, g).min(axis=0)
+    with np.errstate(invalid="ignore"):
+        root = x0 + (x1 - x0) * (g0 / (g0 - g1))
+    # All knots on one side: the root is at the end of the domain.
+    root = np.where(np.isinf(g0), x1, root)
+    return np.where(np.isinf(g1), x0, root), negative
+
+
+def _cut(x: Array, g: Array, high: Array) -> None:
+    """Restrict derivatives to ``x <= high``: knots beyond move onto the end, with its value."""
+    columns = np.flatnonzero(x.max(axis=0) > high)
+    if not columns.size:
+        return
+    some_x, some_g, end = x[:, columns], g[:, columns], high[columns]
+    beyond = some_x > end
+    x0 = np.where(beyond, -np.inf, some_x).max(axis=0)
+    g0 = np.where(beyond, -np.inf, some_g).max(axis=0)
+    x1 = np.where(beyond, some_x, np.inf).min(axis=0)
+    g1 = np.where(beyond, some_g, np.inf).min(axis=0)
+    value = g0 + (g1 - g0) * ((end - x0) / (x1 - x0))
+    x[:, columns] = np.where(beyond, end, some_x)
+    g[:, columns] = np.where(beyond, value, some_g)

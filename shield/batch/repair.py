@@ -1,0 +1,94 @@
+"""The exact repair and the exact check of `shield.repair`, over many horizons at once."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shield.repair import Bounds
+from shield.rounding import differences_exceed, lateral_exceeds, sums_below
+
+__all__ = ["BatchBounds", "admissible", "into_rates"]
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+
+class BatchBounds:
+    """The bounds as columns that broadcast against (2, B).
+
+    Args:
+        bounds: Limits.
+
+    Attributes:
+        scalars: The limits as given.
+        low: Lower corner of the box, (2, 1).
+        high: Upper corner of the box, (2, 1).
+        rise: Largest rises in one step, (2, 1).
+        fall: Largest falls in one step, (2, 1).
+    """
+
+    def __init__(self, bounds: Bounds) -> None:
+        self.scalars = bounds
+        side, step = bounds.max_steering, bounds.steering_step
+        self.low = np.array([[-side], [bounds.min_speed]])
+        self.high = np.array([[side], [bounds.max_speed]])
+        self.rise = np.array([[step], [bounds.rise]])
+        self.fall = np.array([[step], [bounds.fall]])
+
+
+def into_rates(bounds: BatchBounds, targets: Array, previous: Array) -> Array:
+    """Move horizons step by step into box and rates.
+
+    Args:
+        bounds: Limits.
+        targets: Shape (H, 2, B), finite.
+        previous: Last executed commands, shape (2, B), in the box.
+
+    Returns:
+        Horizons that keep G1 and G2 exactly, shape (H, 2, B).
+    """
+    commands = np.empty_like(targets)
+    last = previous
+    for step, target in enumerate(targets):
+        top = np.minimum(sums_below(last, bounds.rise), bounds.high)
+        bottom = np.maximum(-sums_below(-last, bounds.fall), bounds.low)
+        commands[step] = last = np.minimum(np.maximum(target, bottom), top)
+    return commands
+
+
+def admissible(bounds: BatchBounds, commands: Array, previous: Array) -> Mask:
+    """Tell which horizons keep G1, G2 and G3 exactly.
+
+    Args:
+        bounds: Limits.
+        commands: Shape (H, 2, B); values that are not finite are not admissible.
+        previous: Last executed commands, shape (2, B).
+
+    Returns:
+        Shape (B,).
+    """
+    before = np.concatenate([previous[None], commands[:-1]])
+    with np.errstate(invalid="ignore", over="ignore"):
+        good = (bounds.low <= commands) & (commands <= bounds.high)
+        good &= ~differences_exceed(commands, before, bounds.rise)
+        good &= ~differences_exceed(before, commands, bounds.fall)
+    result: Mask = np.asarray(good.all(axis=(0, 1)))
+    if bounds.scalars.lateral is not None:
+        _check_lateral(bounds.scalars, commands, result)
+    return result
+
+
+def _check_lateral(bounds: Bounds, commands: Array, result: Mask) -> None:
+    """Withdraw horizons that break the lateral bound from `result`, (B,)."""
+    assert bounds.lateral is not None
+    candidates = np.flatnonzero(result)
+    steering, speed = commands[:, 0, candidates], commands[:, 1, candidates]
+    value = speed * speed * np.abs(np.tan(steering))
+    for step, column in np.argwhere(value > bounds.surely):
+        index = candidates[column]
+        if result[index] and lateral_exceeds(
+            float(steering[step, column]),
+            float(speed[step, column]),
+            bounds.lateral,
+            bounds.wheelbase,
+        ):
+            result[index] = False

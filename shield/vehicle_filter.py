@@ -1,0 +1,157 @@
+r"""Vehicle limits for an action space of two numbers, in its own precision.
+
+The space is either normalised, ``Box(-1, 1)``, or physical, [rad, m/s]. The command that the
+environment executes is a function of the *rounded* action, so a safe command is of no use until an
+action has been found whose own command is safe. Near the projected command there are a few
+neighbouring actions on the grid of the space; the nearest one that passes the exact check is
+taken, and the last executed action, which is on the grid and admissible, if none does.
+"""
+
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+from numpy.typing import ArrayLike, DTypeLike, NDArray
+
+from shield.arguments import as_array
+from shield.certificate import Certificate
+from shield.errors import InvalidLimits, InvalidProblem
+from shield.limits import ActuatorLimits
+from shield.repair import Bounds, worst_excess
+from shield.safety_filter import SafetyFilter
+
+__all__ = ["VehicleFilter"]
+
+Array = NDArray[np.float64]
+
+# Grid steps to either side of the rounded action that are tried.
+_REACH = 2
+
+
+class VehicleFilter:
+    """Guards actions (steering, speed) with G1, G2 and G3 on what they make the car do.
+
+    Args:
+        limits: Limits of the vehicle.
+        low: Lower bounds of the action space, shape (2,).
+        high: Upper bounds of the action space, shape (2,).
+        dtype: Precision of the action space. Default: float32.
+        normalised: True: actions are mapped to commands by `ActuatorLimits.to_command`. False:
+            actions are commands. None: decided by whether the space is [-1, 1].
+        rest: Command [rad, m/s] that counts as executed after `reset`. Default: straight wheels and
+            the speed nearest to standstill.
+
+    Raises:
+        InvalidProblem: The space is not one of two floating point numbers.
+        InvalidLimits: No command lies both in the space and in the limits.
+    """
+
+    def __init__(
+        self,
+        limits: ActuatorLimits,
+        low: ArrayLike,
+        high: ArrayLike,
+        *,
+        dtype: DTypeLike = np.float32,
+        normalised: bool | None = None,
+        rest: ArrayLike | None = None,
+    ) -> None:
+        self._dtype = np.dtype(dtype)
+        bottom, top = as_array("low", low, (2,)), as_array("high", high, (2,))
+        if self._dtype.kind != "f":
+            raise InvalidProblem(f"`dtype` must be a floating point type. Got {self._dtype}.")
+        unit = bool((bottom == -1.0).all() and (top == 1.0).all())
+        self._normalised = unit if normalised is None else normalised
+        if self._normalised and not unit:
+            raise InvalidProblem(f"a normalised space must be [-1, 1]. Got {low!r} to {high!r}.")
+        self.limits = limits if self._normalised else _within(limits, bottom, top)
+        self._filter = SafetyFilter(self.limits)
+        self._bounds = Bounds.of(self.limits)
+        self._low, self._high = bottom, top
+        start = np.clip(np.zeros(2), self.limits.low, self.limits.high)
+        self._rest = start if rest is None else as_array("rest", rest, (2,)).copy()
+        self.reset()
+
+    @property
+    def previous(self) -> Array:
+        """The last executed command [rad, m/s], shape (2,), read-only."""
+        return self._filter.previous
+
+    def reset(self) -> None:
+        """Count the rest command as executed."""
+        self._action = self._round(self._to_action(self._rest))
+        self._filter.reset(self._to_command(self._action))
+
+    def filter(self, action: ArrayLike) -> Certificate:
+        """Return the action to execute, and remember it as executed.
+
+        Args:
+            action: Wanted action, shape (2,), any values.
+
+        Returns:
+            The certificate, in the units and the precision of the action space. An admissible
+            action passes bit by bit.
+
+        Raises:
+            InvalidProblem: The shape does not fit.
+        """
+        wanted = np.array(action)
+        given = self._round(as_array("action", wanted, (2,)))
+        before = self._filter.previous
+        certificate = self._filter.filter(self._to_command(given))
+        if certificate.intervened:
+            given = self._realise(certificate, before)
+            self._filter.record(self._to_command(given))
+        self._action = given
+        correction = given.astype(np.float64) - wanted
+        for array in (wanted, given, correction):
+            array.flags.writeable = False
+        return replace(certificate, nominal_action=wanted, safe_action=given, correction=correction)
+
+    def _realise(self, certificate: Certificate, before: Array) -> NDArray[np.floating]:
+        """Return the action on the grid nearest to a safe command that is safe itself."""
+        safe = certificate.safe_action
+        steering, speed = before.tolist()
+        around = self._round(self._to_action(safe))
+        best, least = self._action, np.inf
+        for candidate in self._neighbours(around):
+            command = self._to_command(candidate)
+            excess = worst_excess(self._bounds, command.tolist(), steering, speed)
+            distance = float(np.abs(command - safe).max()) + excess
+            if excess <= certificate.max_violation and distance < least:
+                best, least = candidate, distance
+        return best
+
+    def _neighbours(self, around: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+        """Return the actions of the space within a few grid steps."""
+        columns = []
+        for value, low, high in zip(around, self._low, self._high, strict=True):
+            values = [value]
+            for direction in (-np.inf, np.inf):
+                neighbour = value
+                for _ in range(_REACH):
+                    neighbour = np.nextafter(neighbour, self._dtype.type(direction))
+                    values.append(neighbour)
+            columns.append([item for item in values if low <= item <= high])
+        return [np.array(pair, dtype=self._dtype) for pair in product(*columns)]
+
+    def _round(self, action: Array) -> NDArray[np.floating]:
+        with np.errstate(over="ignore"):
+            return action.astype(self._dtype)
+
+    def _to_command(self, action: NDArray[np.floating]) -> Array:
+        exact = action.astype(np.float64)
+        return self.limits.to_command(exact) if self._normalised else exact
+
+    def _to_action(self, command: Array) -> Array:
+        return self.limits.to_action(command) if self._normalised else command
+
+
+def _within(limits: ActuatorLimits, low: Array, high: Array) -> ActuatorLimits:
+    """Return the limits cut down to an action space in physical units."""
+    side = min(limits.max_steering, float(-low[0]), float(high[0]))
+    slowest = max(limits.min_speed, float(low[1]))
+    fastest = min(limits.max_speed, float(high[1]))
+    if side <= 0.0 or slowest > fastest:
+        raise InvalidLimits(f"no command lies in both the space {low} to {high} and {limits}.")
+    return replace(limits, max_steering=side, min_speed=slowest, max_speed=fastest)

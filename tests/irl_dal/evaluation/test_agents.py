@@ -1,0 +1,31 @@
+import numpy as np
+
+from irl_dal.evaluation.agents import ExpertAgent, RandomAgent
+
+from .small import small_bench
+
+
+def test_random_actions_repeat_with_the_seed() -> None:
+    """The same seed draws the same actions, another one others; all in the action space."""
+    agent, drawn = RandomAgent(), []
+    for seed in (1, 1, 2):
+        agent.reset(seed)
+        drawn.append(np.array([agent.act({}, {}) for _ in range(50)]))
+    np.testing.assert_array_equal(drawn[0], drawn[1])
+    assert (drawn[0] != drawn[2]).any()
+    assert np.abs(drawn[0]).max() <= 1.0
+
+
+def test_the_expert_answers_with_its_label_and_drives_its_command() -> None:
+    """What is compared is the set-point, what is executed the slew-limited command."""
+    bench = small_bench("expert")
+    try:
+        observation, info = bench.loop.reset(seed=1)
+        agent = ExpertAgent()
+        action = agent.act(observation, info)
+        np.testing.assert_array_equal(action, info["expert_action"])
+        command = info["expert"].command
+        after = agent.drive(bench.loop, action)[-1]
+        np.testing.assert_array_equal(after["nominal_command"], command)
+    finally:
+        bench.close()

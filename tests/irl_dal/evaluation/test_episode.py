@@ -1,0 +1,49 @@
+import numpy as np
+import pytest
+
+from irl_dal.evaluation.episode import EpisodeRecorder
+from irl_dal.loop import SOURCES
+
+from .small import small_bench, written_episode
+
+
+def test_recorder_keeps_what_the_loop_says() -> None:
+    """Every array holds one entry per step, positions one more, taken from the right moment."""
+    bench = small_bench("random")
+    try:
+        _, first = bench.loop.reset(seed=3)
+        recorder, before, infos = EpisodeRecorder(3, first), first, []
+        for action in np.linspace(-0.4, 0.4, 10).reshape(5, 2):
+            _, reward, _, _, after = bench.loop.step(action)
+            recorder.add(before, action, reward, after)
+            infos.append(after)
+            before = after
+    finally:
+        bench.close()
+    episode = recorder.finish()
+    assert episode.steps == 5
+    np.testing.assert_array_equal(episode.pose[0], first["pose"])
+    np.testing.assert_array_equal(episode.pose[-1], infos[-1]["pose"])
+    np.testing.assert_array_equal(episode.expert_action[1], infos[0]["expert_action"])
+    assert episode.mode[0] == first["mode"]
+    np.testing.assert_array_equal(episode.executed_command[3], infos[3]["executed_command"])
+    np.testing.assert_array_equal(episode.previous_command[1:], episode.executed_command[:-1])
+    assert episode.total_reward == pytest.approx(
+        sum(sum(info["reward_terms"].values()) for info in infos)
+    )
+    policy, planner = SOURCES.index("policy"), SOURCES.index("planner")
+    assert set(episode.nominal_violations[:, policy]) <= {0, 1}
+    assert set(episode.nominal_violations[:, planner]) == {-1}
+    assert np.isfinite(episode.shield_time).all() and len(episode.plan_latency) == 0
+
+
+def test_arrays_are_read_only() -> None:
+    """What was logged cannot be changed afterwards."""
+    with pytest.raises(ValueError, match="read-only"):
+        written_episode().reward[0] = 5.0
+
+
+def test_an_empty_episode_is_refused() -> None:
+    """There is no episode without a step."""
+    with pytest.raises(ValueError, match="at least one step"):
+        EpisodeRecorder(1, {}).finish()

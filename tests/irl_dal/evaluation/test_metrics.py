@@ -1,0 +1,196 @@
+import json
+
+import numpy as np
+import pytest
+
+from irl_dal.evaluation.measurements import (
+    HeldOutActions,
+    Measurements,
+    PathPair,
+    ReferenceReturns,
+)
+from irl_dal.evaluation.metrics import compute_metrics
+from shield import ActuatorLimits
+
+from .small import written_episode
+
+LIMITS = ActuatorLimits()
+
+DESIGN_KEYS = (
+    "success",
+    "collisions_per_1k_steps",
+    "normalized_return",
+    "bc_loss",
+    "action_similarity",
+    "ade_m",
+    "fde_m",
+    "command_violation_rate",
+    "nominal_violation_rate",
+    "intervention_rate",
+    "projection_active_rate",
+    "correction_norm",
+)
+
+
+def report(measurements: Measurements) -> dict[str, object]:
+    """The numbers with a fixed bootstrap."""
+    return dict(compute_metrics(measurements, LIMITS, np.random.default_rng(0)))
+
+
+def test_every_name_of_the_design_is_there_with_its_interval() -> None:
+    """The report is flat, finite JSON with the agreed names."""
+    numbers = report(Measurements([written_episode()]))
+    for key in DESIGN_KEYS:
+        assert key in numbers and f"{key}_ci95" in numbers
+    for key in ("episodes", "steps", "seeds"):
+        assert key in numbers
+    assert json.loads(json.dumps(numbers, allow_nan=False)) == numbers
+
+
+def test_shares_of_episodes_and_steps() -> None:
+    """Success counts episodes, collisions are events per thousand steps."""
+    episodes = [
+        written_episode(400, seed=10),
+        written_episode(100, seed=11, success=False, collision=True),
+        written_episode(300, seed=12, success=False, off_road=True),
+        written_episode(200, seed=13, success=False),
+    ]
+    numbers = report(Measurements(episodes))
+    assert (numbers["episodes"], numbers["steps"]) == (4, 1000)
+    assert numbers["seeds"] == [10, 11, 12, 13]
+    assert numbers["episode_success"] == [True, False, False, False]
+    for key in ("success", "collision_rate", "off_road_rate", "timeout_rate"):
+        assert numbers[key] == 0.25
+    assert numbers["collisions_per_1k_steps"] == pytest.approx(1.0)
+    low, high = numbers["success_ci95"]
+    assert 0.0 <= low < 0.25 < high <= 1.0
+
+
+def test_normalized_return_is_two_hundred_for_the_expert_and_zero_for_chance() -> None:
+    """200 (R - R_random) / (R_expert - R_random) of the means, clipped to [0, 200]."""
+    episodes = [written_episode(4), written_episode(8)]  # returns 4 and 8
+
+    def normalized(expert: list[float], random: list[float]) -> object:
+        references = ReferenceReturns(np.array(expert), np.array(random))
+        return report(Measurements(episodes, references))["normalized_return"]
+
+    assert normalized([4.0, 8.0], [0.0, 0.0]) == 200.0
+    assert normalized([10.0, 10.0], [4.0, 8.0]) == 0.0
+    assert normalized([10.0, 14.0], [0.0, 0.0]) == pytest.approx(100.0)
+    assert normalized([3.0, 3.0], [0.0, 0.0]) == 200.0
+    assert report(Measurements(episodes))["normalized_return"] is None
+
+
+def test_bc_loss_balances_the_modes() -> None:
+    """Mean squared error over components and states, each mode with the same weight."""
+    agent = np.zeros((5, 2))
+    agent[4] = [0.6, 0.2]  # the only state of its mode: (0.36 + 0.04) / 2
+    held_out = HeldOutActions(
+        seed=np.array([1, 1, 2, 2, 2]),
+        mode=np.array([0, 0, 0, 0, 3]),
+        agent_action=agent,
+        expert_action=np.zeros((5, 2)),
+    )
+    numbers = report(Measurements([written_episode()], held_out=held_out))
+    assert numbers["bc_loss"] == pytest.approx(0.2 / 2.0)
+
+
+def test_action_similarity_compares_the_agents_own_action() -> None:
+    """Opposite ends of the action space are 0, equality is 1, whatever was executed."""
+    ones = np.ones((4, 2))
+    same = written_episode(agent_action=ones, expert_action=ones, executed_command=0.3 * ones)
+    opposite = written_episode(agent_action=-ones, expert_action=ones)
+    assert report(Measurements([same]))["action_similarity"] == 1.0
+    assert report(Measurements([opposite]))["action_similarity"] == 0.0
+    assert report(Measurements([same, opposite]))["action_similarity"] == 0.5
+
+
+def test_ade_is_the_mean_and_fde_the_final_distance() -> None:
+    """Distances between two paths, mean over stretches."""
+    still = np.zeros((3, 2))
+    away = np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])
+    pairs = [PathPair(0, 1, away, still), PathPair(0, 2, still, still)]
+    numbers = report(Measurements([written_episode()], pairs=pairs))
+    assert numbers["ade_m"] == pytest.approx(2.5)
+    assert numbers["fde_m"] == pytest.approx(5.0)
+
+
+def test_a_violation_of_one_ulp_counts() -> None:
+    """There is no tolerance: the next float above a bound is a violation, the bound is none."""
+    rate = LIMITS.max_steering_rate * LIMITS.dt
+    commands = np.zeros((4, 2))
+    commands[1, 0] = rate
+    commands[3, 0] = np.nextafter(rate, 1.0)
+    numbers = report(Measurements([written_episode(executed_command=commands)]))
+    assert numbers["command_violation_rate"] == 0.25
+    assert numbers["nominal_violation_rate"] == 0.0
+
+
+def test_each_source_is_judged_on_the_steps_on_which_it_spoke() -> None:
+    """A silent source has no rate, a speaking one the share of its own steps."""
+    entries = np.full((4, 4), -1, np.int8)
+    entries[:, 0] = [0, 0, 0, 1]
+    entries[2:, 1] = [0, 1]
+    numbers = report(Measurements([written_episode(nominal_violations=entries)]))
+    assert numbers["nominal_violation_rate_policy"] == 0.25
+    assert numbers["nominal_violation_rate_planner"] == 0.5
+    assert numbers["nominal_violation_rate_expert"] is None
+
+
+def test_shield_and_planner_rates() -> None:
+    """Shares of steps and of plans, and the correction in normalised units."""
+    nominal = np.tile([0.0, 6.0], (4, 1))
+    executed = nominal.copy()
+    executed[0] = [LIMITS.max_steering, 6.0]  # one unit of normalised steering away
+    numbers = report(
+        Measurements(
+            [
+                written_episode(
+                    nominal_command=nominal,
+                    executed_command=executed,
+                    projected=np.array([True, False, False, False]),
+                    triggered=np.array([True, True, False, False]),
+                    plan_latency=np.array([0.010, 0.030]),
+                    plan_projected=np.array([True, False]),
+                    shield_time=np.array([1e-3, 1e-3, 1e-3, 5e-3]),
+                )
+            ]
+        )
+    )
+    assert numbers["intervention_rate"] == 0.5
+    assert numbers["projection_active_rate"] == 0.25
+    assert numbers["plan_projection_rate"] == 0.5
+    assert numbers["correction_norm"] == pytest.approx(0.25)
+    assert numbers["latency_plan_p50_ms"] == pytest.approx(20.0)
+    assert numbers["latency_plan_max_ms"] == pytest.approx(30.0)
+    assert numbers["latency_shield_p50_ms"] == pytest.approx(1.0)
+    assert numbers["latency_shield_max_ms"] == pytest.approx(5.0)
+
+
+def test_comfort_of_a_known_drive() -> None:
+    """Jerk, lateral acceleration and steering rate of a drive with known derivatives."""
+    dt, steps = LIMITS.dt, 50
+    time = dt * np.arange(steps + 1)
+    jerk, turn = 0.7, 0.2
+    pose = np.zeros((steps + 1, 3))
+    pose[:, 2] = np.angle(np.exp(1j * (3.0 + turn * time)))  # crosses pi
+    previous = np.zeros((steps, 2))
+    executed = previous + [0.03, 0.0]
+    episode = written_episode(
+        steps,
+        pose=pose,
+        speed=5.0 + 0.5 * jerk * time**2,
+        previous_command=previous,
+        executed_command=executed,
+    )
+    numbers = report(Measurements([episode]))
+    assert numbers["comfort_rms_jerk"] == pytest.approx(jerk, rel=1e-6)
+    fastest = 5.0 + 0.25 * jerk * (time[-1] ** 2 + time[-2] ** 2)
+    assert numbers["comfort_max_lateral_acceleration"] == pytest.approx(turn * fastest, rel=1e-9)
+    assert numbers["comfort_rms_steering_rate"] == pytest.approx(0.3)
+
+
+def test_no_episodes_is_an_error() -> None:
+    """A report about nothing is refused."""
+    with pytest.raises(ValueError, match="at least one episode"):
+        report(Measurements([]))

@@ -1,0 +1,294 @@
+"""Algorithm 1 from end to end, on the real city."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import torch
+
+from irl_dal.checkpoint import CheckpointError, CheckpointStore, pack
+from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline
+from irl_dal.learning.metrics import read_metrics
+from tests.irl_dal.learning.city import SHORT, new_loop, new_pipeline
+
+
+class StopError(Exception):
+    """Ends a run as a failure of anything else would."""
+
+
+class StopAt:
+    """An observer that breaks the run at a step."""
+
+    def __init__(self, step: int) -> None:
+        self.step = step
+        self.phases: list[tuple[str, int, int]] = []
+        self.rows: list[int] = []
+        self.ended = False
+
+    def begin(self, phase: str, step: int, last: int) -> None:
+        """Note the phase."""
+        self.phases.append((phase, step, last))
+
+    def advance(self, step: int) -> None:
+        """Break the run."""
+        if step == self.step:
+            raise StopError
+
+    def metrics(self, step: int, values: Mapping[str, float]) -> None:
+        """Note the row."""
+        self.rows.append(step)
+
+    def end(self) -> None:
+        """Note the end."""
+        self.ended = True
+
+
+def weights(pipeline: Pipeline) -> dict[str, np.ndarray]:
+    """Every array of the pipeline's state but the replay buffer."""
+    return pack(pipeline._state(final=True))[0]
+
+
+def same(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> bool:
+    """Bit for bit the same arrays."""
+    return first.keys() == second.keys() and all(np.array_equal(first[k], second[k]) for k in first)
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+    """A complete short run."""
+    states = torch.get_rng_state(), np.random.get_state()[1].copy()
+    pipeline = new_pipeline(tmp_path_factory.mktemp("run"), observers=[StopAt(-1)])
+    pipeline.run()
+    assert torch.equal(torch.get_rng_state(), states[0])
+    assert np.array_equal(np.random.get_state()[1], states[1])
+    return pipeline
+
+
+def test_a_run_does_all_of_algorithm_1(finished: Pipeline) -> None:
+    """Both phases to the last step, every learner reports, the shield lets no violation through."""
+    counts = finished.recorder.counts
+    assert finished.step == counts.steps == 200
+    assert counts.command_violations == 0
+    assert finished.learners.discriminator.updates == 2
+    assert len(finished.replay) == 200
+    rows = read_metrics(finished.log._run_dir / "metrics.csv")
+    assert [int(row["step"]) for row in rows] == [*range(20, 200, 20), 200]
+    assert [row["phase"] for row in rows] == ["1.0"] * 6 + ["2.0"] * 4
+    last_values = {key: row[key] for row in rows for key in row if row[key]}
+    for key in (
+        "bc/loss",
+        "bc/train_loss",
+        "planner/loss",
+        "planner/train_loss",
+        "discriminator/accuracy",
+        "reward/imitation",
+        "train/value_loss",
+        "mask/alpha_speed",
+        "critic/explained_variance",
+        "rollout/intervention_rate",
+        "rollout/action_similarity",
+        "count/saec_marks",
+        "count/plans_projected",
+        "replay/lane_following",
+        "time/driving",
+        "time/ppo",
+    ):
+        assert np.isfinite(float(last_values[key])), key
+    assert int(last_values["count/command_violations"]) == 0
+    observer = finished.log._observers[0]
+    assert isinstance(observer, StopAt)
+    assert observer.phases == [("imitation", 0, 120), ("mixed", 120, 200)]
+    assert observer.rows == [int(row["step"]) for row in rows]
+    assert observer.ended
+
+
+def test_a_complete_run_leaves_one_checkpoint_without_replay(finished: Pipeline) -> None:
+    """Policy and planner for the evaluation, no 600 MB of images; running again does nothing."""
+    run_dir = finished.log._run_dir
+    checkpoint = CheckpointStore(run_dir).load()
+    assert checkpoint.step == 200
+    assert not (run_dir / "checkpoints" / "replay").exists()
+    again = new_pipeline(run_dir, seed=5)
+    again.restore()
+    assert same(weights(again), weights(finished))
+    before = (run_dir / "metrics.csv").read_bytes()
+    again.run()
+    assert (run_dir / "metrics.csv").read_bytes() == before
+
+
+def test_same_seed_same_agent_other_seed_another(finished: Pipeline, tmp_path: Path) -> None:
+    """Every random draw comes from the seed, though the global generators were elsewhere."""
+    torch.manual_seed(123)
+    twin = new_pipeline(tmp_path / "twin")
+    twin.run()
+    assert same(weights(twin), weights(finished))
+    other = new_pipeline(tmp_path / "other", seed=1)
+    assert not same(weights(other), weights(new_pipeline(tmp_path / "third")))
+
+
+@pytest.mark.parametrize(("broken_at", "resumed_at"), [(30, 0), (90, 80), (140, 120), (198, 184)])
+def test_a_broken_run_goes_on_from_its_last_checkpoint(
+    tmp_path: Path, broken_at: int, resumed_at: int
+) -> None:
+    """At most one interval is lost; weights and data are those of the checkpoint."""
+    broken = new_pipeline(tmp_path, observers=[StopAt(broken_at)])
+    with pytest.raises(StopError):
+        broken.run()
+    resumed = new_pipeline(tmp_path, seed=9)
+    resumed.restore()
+    assert resumed.step == resumed.replay.counter == len(resumed.replay) == resumed_at
+    saved = pack(CheckpointStore(tmp_path).load().state)[0]
+    assert same(
+        {k: v for k, v in weights(resumed).items() if "replay" not in k},
+        {k: v for k, v in saved.items() if "replay" not in k},
+    )
+    resumed.run()
+    assert resumed.step == resumed.recorder.counts.steps == 200
+    steps = [int(row["step"]) for row in read_metrics(tmp_path / "metrics.csv")]
+    assert steps == [*range(20, 200, 20), 200]
+
+
+def test_resuming_is_deterministic(tmp_path: Path) -> None:
+    """Two processes that go on from one checkpoint end with the same weights."""
+    with pytest.raises(StopError):
+        new_pipeline(tmp_path, observers=[StopAt(130)]).run()
+    ends = []
+    for _ in range(2):
+        with pytest.raises(StopError):
+            resumed = new_pipeline(tmp_path, observers=[StopAt(151)])
+            resumed.restore()
+            resumed.run()
+        ends.append(weights(resumed))
+    assert same(*ends)
+
+
+def test_kill_9_is_survived(tmp_path: Path) -> None:
+    """A training process killed in the middle of a phase is resumed by another one."""
+    environment = os.environ | {"RUN_DIR": str(tmp_path), "OMP_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "tests.irl_dal.learning.city"]
+    metrics = tmp_path / "metrics.csv"
+    with subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL) as process:
+        deadline = time.monotonic() + 60.0
+        while len(read_metrics(metrics)) < 4 and time.monotonic() < deadline:
+            time.sleep(0.02)
+        os.kill(process.pid, signal.SIGKILL)
+    written = int(read_metrics(metrics)[-1]["step"])
+    resumed = new_pipeline(tmp_path)
+    resumed.restore()
+    assert written - 40 <= resumed.step <= 200
+    assert resumed.step > 0
+    resumed.run()
+    assert resumed.step == 200
+
+
+def test_a_checkpoint_of_another_configuration_is_refused(
+    finished: Pipeline, tmp_path: Path
+) -> None:
+    """The error names the folder and both hashes."""
+    config = replace(SHORT, imitation_steps=40, mixed_steps=0)
+    new_pipeline(tmp_path, config, provenance={"config_hash": "aaa"}).run()
+    with pytest.raises(CheckpointError, match=f"{tmp_path}.*of config aaa, this run has bbb"):
+        new_pipeline(tmp_path, config, provenance={"config_hash": "bbb"}).restore()
+
+
+def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
+    """BC, planner, discriminator and SyncFeatures at the multiples of their intervals."""
+    pipeline = new_pipeline(tmp_path)
+    learners = pipeline.learners
+    calls: dict[str, list[int]] = {}
+    for name in ("clone", "train_planner", "train_discriminator", "sync_features"):
+        real = getattr(learners, name)
+
+        def spy(*steps: int, name: str = name, real: object = real) -> None:
+            calls.setdefault(name, []).append(pipeline.step)
+            real(*steps)  # type: ignore[operator]
+
+        setattr(learners, name, spy)
+    pipeline.run()
+    assert calls["clone"] == [60, 120, 160, 200]
+    assert calls["train_planner"] == [40, 80, 120, 160]
+    assert calls["train_discriminator"] == [150, 180]
+    assert calls["sync_features"] == [140, 160, 180]
+
+
+@pytest.mark.parametrize("saec", ["label", "paper", "off"])
+def test_experience_correction_in_the_loop(tmp_path: Path, saec: str) -> None:
+    """With the planner always on: what the replay buffer and the PPO buffer hold in each form."""
+    config = replace(SHORT, imitation_steps=40, mixed_steps=32, saec=saec)  # type: ignore[arg-type]
+    pipeline = new_pipeline(tmp_path, config, loop=new_loop(activation="always"))
+    pipeline.run()
+    marked = 0 if saec == "off" else 32
+    assert pipeline.correction.marks == marked
+    assert len(pipeline.replay) == 40 + marked
+    buffer = pipeline.learners.ppo.rollout_buffer
+    assert isinstance(buffer, HybridRolloutBuffer)
+    if saec == "off":
+        return
+    labels = pipeline.replay.export_since(40)["label"]
+    distance = np.abs(buffer.actions.reshape(-1, 2) - labels).max(axis=1)
+    assert np.all(distance == 0.0) if saec == "paper" else np.all(distance > 0.0)
+
+
+def test_variants_without_planner_or_discriminator_run(tmp_path: Path) -> None:
+    """The paper's baseline: uniform replay, no planner, no correction, no imitation reward."""
+    reward = replace(SHORT.reward, w_env=1.0, w_irl=0.0)
+    config = replace(
+        SHORT, imitation_steps=40, mixed_steps=32, sampling="uniform", saec="off", reward=reward
+    )
+    loop = new_loop(planner=None, blend=None)
+    pipeline = new_pipeline(tmp_path, config, loop=loop)
+    pipeline.run()
+    assert pipeline.learners.diffusion is None
+    assert pipeline.recorder.counts.triggers == 0
+    assert CheckpointStore(tmp_path).load().state["diffusion"] is None
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [
+        ("imitation_steps", 0),
+        ("mixed_steps", -1),
+        ("sampling", "other"),
+        ("saec", "x"),
+        ("held_out_every", 1),
+        ("first_seed", -1),
+        ("log_interval", 0),
+    ],
+)
+def test_impossible_values_are_refused(key: str, value: object) -> None:
+    """The refusal names the key and the value."""
+    with pytest.raises(ValueError, match=f"`{key}` must .*Got '?{value}'?"):
+        LearningConfig(**{key: value})  # type: ignore[arg-type]
+
+
+def test_the_default_schedule_is_that_of_table_2() -> None:
+    """The numbers of Table II, written out once more."""
+    config = LearningConfig()
+    assert (config.imitation_steps, config.mixed_steps, config.total_steps) == (
+        20_000,
+        30_000,
+        50_000,
+    )
+    assert (config.bc_interval_imitation, config.bc_interval_mixed) == (1000, 500)
+    assert (config.diffusion_interval, config.discriminator_interval) == (500, 2000)
+    assert (config.sync_interval, config.buffer_capacity) == (1000, 50_000)
+    ppo = config.ppo
+    assert (ppo.n_steps, ppo.batch_size, ppo.n_epochs) == (2048, 64, 10)
+    assert (ppo.gamma, ppo.gae_lambda, ppo.clip_range) == (0.99, 0.95, 0.2)
+    assert (ppo.ent_coef, ppo.vf_coef, ppo.max_grad_norm) == (0.01, 0.5, 0.5)
+    assert ppo.learning_rate == config.cloning.learning_rate == 3e-4
+    assert (config.cloning.l2, config.cloning.max_grad_norm, config.cloning.patience) == (
+        1e-6,
+        0.5,
+        5,
+    )
+    assert (config.reward.w_irl, config.reward.w_env) == (0.3, 0.7)

@@ -1,0 +1,214 @@
+import json
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import yaml
+
+from irl_dal import evaluate, train
+from irl_dal.learning.metrics import read_metrics
+from irl_dal.runs import open_run
+
+TINY = (
+    "preset=smoke",
+    "env.route_length=80",
+    "env.time_limit=4",
+    "learning.imitation_steps=96",
+    "learning.mixed_steps=32",
+    "learning.ppo.n_steps=32",
+    "learning.ppo.batch_size=32",
+    "learning.bc_interval_imitation=48",
+    "learning.bc_interval_mixed=16",
+    "learning.diffusion_interval=48",
+    "learning.discriminator_interval=16",
+    "learning.sync_interval=16",
+    "learning.checkpoint_interval=48",
+    "learning.log_interval=16",
+    "shield.trigger.clearance=15",
+    "evaluation.n_jobs=1",
+    "evaluation.path_states=2",
+    "evaluation.path_duration=1",
+    "evaluation.video_duration=0.3",
+)
+"""A training of 128 steps that triggers the planner often."""
+
+Call = Callable[..., str]
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Runs a command as its console would; what it printed, or its one line of complaint."""
+
+    def run(command: str, *arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", [command, *arguments])
+        capsys.readouterr()
+        try:
+            {"train": train.main, "evaluate": evaluate.main}[command]()
+        except SystemExit as end:
+            printed = capsys.readouterr()
+            assert end.code == 2
+            lines = printed.err.splitlines()
+            assert len(lines) == 1 and lines[0].startswith("error: ")
+            return lines[0]
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete tiny run."""
+    folder = tmp_path_factory.mktemp("commands") / "runs" / "tiny"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sys, "argv", ["train", *TINY, "seed=3", f"run_dir={folder}"])
+        train.main()
+    return folder
+
+
+def test_training_leaves_everything_a_person_wants(trained: Path) -> None:
+    """Configuration, metrics, checkpoint, numbers, figures, film; bounds kept, planner used."""
+    names = {path.name for path in trained.iterdir()}
+    assert names >= {
+        "config.yaml",
+        "run.json",
+        "metrics.csv",
+        "tensorboard",
+        "checkpoints",
+        "evaluation.json",
+        "figures",
+        "drive.mp4",
+    }
+    report = json.loads((trained / "evaluation.json").read_text())
+    assert report["episodes"] == 2 and report["policy"] == "run" and report["training_seed"] == 3
+    assert report["command_violation_rate"] == 0.0
+    assert report["bc_loss"] is not None and report["ade_m"] is not None
+    last = read_metrics(trained / "metrics.csv")[-1]
+    assert int(last["step"]) == 128
+    assert int(last["count/triggers"]) > 0 and int(last["count/saec_marks"]) > 0
+    assert int(last["count/command_violations"]) == 0
+    assert (trained / "figures" / "training.png").stat().st_size > 10_000
+    assert (trained / "drive.mp4").stat().st_size > 1_000
+
+
+def test_the_run_folder_says_what_was_asked_for(trained: Path) -> None:
+    """The resolved configuration, without what Hydra only needs to compose it."""
+    folder = open_run("run", trained)
+    assert folder.config.seed == 3 and folder.config.learning.total_steps == 128
+    text = (trained / "config.yaml").read_text()
+    assert "${" not in text and "hydra" not in yaml.safe_load(text)
+
+
+def test_evaluating_a_run_repeats_its_numbers(trained: Path, call: Call, tmp_path: Path) -> None:
+    """`evaluate run=DIR` measures as the training did at its end, and prints its table."""
+    out = tmp_path / "deep" / "again.json"
+    extent = ("episodes=2", "n_jobs=1", "evaluation.held_out_episodes=1")
+    paths = ("evaluation.path_states=2", "evaluation.path_duration=1")
+    printed = call("evaluate", f"run={trained}", *extent, *paths, f"out={out}")
+    assert "success" in printed and "executed commands out of bounds" in printed
+    again = json.loads(out.read_text())
+    before = json.loads((trained / "evaluation.json").read_text())
+    for key in ("success", "mean_return", "bc_loss", "ade_m", "seeds", "config_hash"):
+        assert again[key] == before[key], key
+
+
+def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: Path) -> None:
+    """Values of the city may be stated anew; what training settled may not."""
+    out = tmp_path / "bare.json"
+    extent = ("episodes=1", "n_jobs=1", "evaluation.held_out_episodes=0")
+    call("evaluate", f"run={trained}", *extent, "shield=off", f"out={out}")
+    report = json.loads(out.read_text())
+    assert report["projection_active_rate"] == 0.0 and report["latency_shield_p50_ms"] is None
+    assert report["bc_loss"] is None
+    line = call("evaluate", f"run={trained}", *extent, "variant=paper")
+    assert "variant = 'paper'" in line
+    line = call("evaluate", f"run={trained}", *extent, "planner.denoiser.width=32")
+    assert "do not fit the configuration" in line
+
+
+def test_a_complete_run_resumes_to_its_evaluation(trained: Path, call: Call) -> None:
+    """Nothing is trained again, the extent of the evaluation may be stated anew."""
+    before = (trained / "metrics.csv").read_bytes()
+    call("train", f"resume={trained}", "evaluation.episodes=1", "seed=3")
+    assert (trained / "metrics.csv").read_bytes() == before
+    assert json.loads((trained / "evaluation.json").read_text())["episodes"] == 1
+
+
+def test_a_resumed_run_keeps_its_configuration(trained: Path, call: Call) -> None:
+    """Another value than the run's is refused, the same one is not."""
+    assert "seed = 4" in call("train", f"resume={trained}", "seed=4")
+    assert "preset = 'default'" in call("train", f"resume={trained}", "preset=default")
+    assert "run_dir" in call("train", f"resume={trained}", "run_dir=elsewhere")
+
+
+def test_a_truncated_checkpoint_is_named(trained: Path, call: Call, tmp_path: Path) -> None:
+    """Evaluation and resumption say which file it is and write nothing."""
+    copy = tmp_path / "copy"
+    subprocess.run(["cp", "-r", str(trained), str(copy)], check=True)
+    tensors = next((copy / "checkpoints").rglob("tensors.safetensors"))
+    tensors.write_bytes(tensors.read_bytes()[:1000])
+    before = sorted(path.name for path in copy.rglob("*"))
+    out = tmp_path / "report.json"
+    for line in (
+        call("evaluate", f"run={copy}", f"out={out}"),
+        call("train", f"resume={copy}"),
+    ):
+        assert str(tensors) in line and "truncated" in line
+    assert not out.exists()
+    assert sorted(path.name for path in copy.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    ("command", "argument", "named"),
+    [
+        ("train", "foo=1", ["foo = 1"]),
+        ("train", "shield.min_sped=1", ["shield.min_sped = 1", "did you mean shield.min_speed"]),
+        ("train", "variant=best", ["variant = 'best'", "shielded"]),
+        ("train", "preset=fast", ["preset = 'fast'", "smoke"]),
+        ("train", "seed=abc", ["seed = 'abc'"]),
+        ("train", "planner.horizon=0", ["planner.horizon", "Got 0"]),
+        ("train", "shield.min_speed=50", ["shield.min_speed", "50"]),
+        ("train", "seed", ["seed"]),
+        ("train", "resume=nowhere", ["resume = 'nowhere'"]),
+        ("evaluate", "run=nowhere", ["run = 'nowhere'"]),
+        ("evaluate", "policy=best", ["policy = 'best'", "expert"]),
+        ("evaluate", "episodes=5", ["run = None", "policy = None"]),
+        ("evaluate", "policy=expert episodes=-1", ["episodes", "-1"]),
+        ("evaluate", "policy=expert run=here", ["run = 'here'", "policy = 'expert'"]),
+        ("evaluate", "policy=random out=.", ["out = '.'", "folder"]),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    call: Call,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    command: str,
+    argument: str,
+    named: list[str],
+) -> None:
+    """Key and value on one line, exit code 2, nothing written."""
+    monkeypatch.chdir(tmp_path)
+    line = call(command, *argument.split())
+    for part in named:
+        assert part in line
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_real_process_says_the_same(tmp_path: Path) -> None:
+    """From a folder that knows nothing of the project: exit code 2, one line, no file."""
+    (tmp_path / "configs").mkdir()
+    (tmp_path / "configs" / "__init__.py").write_text("raise RuntimeError('not ours')")
+    root = Path(train.__file__).resolve().parents[1]
+    done = subprocess.run(
+        [sys.executable, "-m", "irl_dal.train", "shield.min_speed=5", "shield.max_speed=1"],
+        cwd=tmp_path,
+        env={"PYTHONPATH": str(root), "PATH": ""},
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.returncode == 2 and done.stdout == ""
+    (line,) = done.stderr.splitlines()
+    assert "shield.min_speed" in line and "max_speed=1.0" in line
+    assert [path.name for path in tmp_path.rglob("*")] == ["configs", "__init__.py"]

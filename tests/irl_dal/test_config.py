@@ -1,0 +1,174 @@
+from dataclasses import FrozenInstanceError, replace
+from pathlib import Path
+
+import pytest
+import yaml
+from hydra import compose, initialize_config_dir
+
+from irl_dal.command import CONFIG_FOLDER
+from irl_dal.config import (
+    GROUPS,
+    ConfigError,
+    RunConfig,
+    config_hash,
+    known_keys,
+    parse,
+    register,
+    to_mapping,
+)
+
+
+def composed(*overrides: str, command: str = "train") -> RunConfig:
+    """What a command line makes of the configuration."""
+    register()
+    with initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
+        return parse(compose(command, overrides=list(overrides)))
+
+
+def test_the_files_only_say_what_differs() -> None:
+    """Without overrides Hydra composes the dataclasses' own defaults: each number has one place."""
+    assert composed() == RunConfig()
+    extent = replace(RunConfig().evaluation, episodes=100)
+    assert composed(command="evaluate") == replace(RunConfig(), evaluation=extent)
+
+
+def test_a_configuration_survives_its_file() -> None:
+    """What is written into a run folder is read back equal."""
+    config = composed("variant=paper", "preset=smoke", "shield.max_lateral_acceleration=null")
+    assert parse(yaml.safe_load(yaml.safe_dump(to_mapping(config)))) == config
+
+
+def test_a_configuration_is_frozen() -> None:
+    """Nothing changes it after it was checked."""
+    with pytest.raises(FrozenInstanceError):
+        RunConfig().seed = 3  # type: ignore[misc]
+
+
+@pytest.mark.parametrize(
+    ("variant", "sampling", "planner", "mask", "saec", "projection", "shield"),
+    [
+        ("ppo_uniform", "uniform", False, False, "off", "none", False),
+        ("fsm_replay", "balanced", False, False, "off", "none", False),
+        ("diffusion", "balanced", True, False, "off", "none", False),
+        ("irl_dal", "balanced", True, True, "label", "none", False),
+        ("shielded", "balanced", True, True, "label", "x0", True),
+        ("paper", "balanced", True, True, "paper", "none", False),
+    ],
+)
+def test_variants_add_one_part_after_the_other(
+    variant: str,
+    sampling: str,
+    planner: bool,
+    mask: bool,
+    saec: str,
+    projection: str,
+    shield: bool,
+) -> None:
+    """Each variant has the switches of the paper's table, ours has projection and shield on top."""
+    config = composed(f"variant={variant}")
+    assert config.variant == variant
+    assert config.learning.sampling == sampling
+    assert config.supervision.enabled is planner
+    assert config.perception.adaptive_mask is mask
+    assert config.learning.saec == saec
+    assert config.planner.projection == projection
+    assert config.shield.enabled is shield
+
+
+def test_the_paper_preset_is_everything_as_printed() -> None:
+    """Printed schedule, energies, mask, reward and Eq. 28, with Table II's numbers."""
+    config = composed("preset=paper")
+    assert (config.variant, config.preset) == ("paper", "paper")
+    planner, learning = config.planner, config.learning
+    assert (planner.schedule, planner.sampler, planner.energy.forms) == (
+        "printed",
+        "ddpm",
+        "printed",
+    )
+    assert config.perception.normalisation == "printed"
+    assert (learning.reward.form, learning.saec) == ("printed", "paper")
+    assert (learning.imitation_steps, learning.mixed_steps) == (20_000, 30_000)
+    assert (planner.horizon, planner.diffusion_steps) == (8, 100)
+
+
+def test_the_smoke_preset_is_small_and_still_has_every_part() -> None:
+    """A few hundred steps per phase, every update due at least once, two episodes."""
+    learning = composed("preset=smoke").learning
+    assert learning.total_steps <= 1_000
+    for interval in ("bc_interval_imitation", "diffusion_interval"):
+        assert getattr(learning, interval) <= learning.imitation_steps
+    for interval in ("bc_interval_mixed", "discriminator_interval", "sync_interval"):
+        assert getattr(learning, interval) <= learning.mixed_steps
+    assert learning.mixed_steps % learning.ppo.n_steps == 0
+    assert composed("preset=smoke").evaluation.episodes == 2
+
+
+def test_the_command_line_has_the_last_word() -> None:
+    """A stated group or value wins against a preset."""
+    config = composed("preset=paper", "variant=shielded", "learning.mixed_steps=7", "seed=3")
+    assert (config.variant, config.learning.mixed_steps, config.seed) == ("shielded", 7, 3)
+
+
+def test_shared_quantities_are_stated_once() -> None:
+    """The fastest speed and the LiDAR's range reach every part that needs them."""
+    config = composed("shield.max_speed=9", "env.lidar_range=30")
+    assert config.perception.max_speed == 9.0
+    assert (config.perception.max_range, config.expert.max_range) == (30.0, 30.0)
+
+
+@pytest.mark.parametrize(
+    ("override", "named"),
+    [
+        ("shield.min_speed=13", ["shield.min_speed", "13"]),
+        ("planner.horizon=0", ["planner.horizon", "0"]),
+        ("seed=abc", ["seed", "'abc'"]),
+        ("seed=1.5", ["seed", "1.5"]),
+        ("seed=-1", ["seed", "-1"]),
+        ("shield.max_speed=fast", ["shield.max_speed", "'fast'"]),
+        ("shield.max_speed=nan", ["shield.max_speed", "nan"]),
+        ("learning.sampling=often", ["learning.sampling", "'often'"]),
+        ("learning.ppo.gamma=1.5", ["learning.ppo.gamma", "1.5"]),
+        ("env.reward=3", ["env.reward", "3"]),
+        ("env.min_brightness=2", ["env.min_brightness", "2"]),
+        ("+env.lanes=3", ["env.lanes", "3"]),
+        ("evaluation.episodes=-1", ["evaluation.episodes", "-1"]),
+        ("evaluation.first_seed=-5", ["evaluation.first_seed", "-5"]),
+        ("env.lidar_range=${nowhere}", ["env.lidar_range", "nowhere"]),
+        ("planner.activation=sometimes", ["planner.activation", "'sometimes'"]),
+    ],
+)
+def test_impossible_values_are_named(override: str, named: list[str]) -> None:
+    """One line with the full key and the value."""
+    with pytest.raises(ConfigError) as caught:
+        composed(override)
+    line = str(caught.value)
+    assert "\n" not in line
+    for part in named:
+        assert part in line
+
+
+def test_evaluation_never_uses_a_training_seed() -> None:
+    """An extent that reaches the training's seeds is refused."""
+    first = RunConfig().learning.first_seed
+    assert composed(f"evaluation.first_seed={first - 20}", "evaluation.episodes=20")
+    with pytest.raises(ConfigError, match=r"evaluation\.first_seed"):
+        composed(f"evaluation.first_seed={first - 19}", "evaluation.episodes=20")
+
+
+def test_the_hash_says_which_runs_can_be_compared() -> None:
+    """Seed and evaluation do not change it; whatever changes the training does."""
+    config = RunConfig()
+    same = replace(config, seed=9, evaluation=replace(config.evaluation, episodes=3))
+    other = replace(config, limits=replace(config.limits, max_speed=11.0))
+    assert config_hash(config) == config_hash(same)
+    assert config_hash(config) != config_hash(other)
+    assert len(config_hash(config)) == 12
+
+
+def test_every_group_has_its_base_and_a_default() -> None:
+    """Each section is a Hydra group, each known key belongs to one."""
+    for group in GROUPS:
+        assert (Path(CONFIG_FOLDER) / group / "default.yaml").is_file()
+    keys = known_keys()
+    assert "shield.trigger.lane_centres" in keys and "planner.blend.base" in keys
+    assert {key.split(".")[0] for key in keys} == {*GROUPS, "seed", "variant", "preset"}
