@@ -153,7 +153,7 @@ class BoxFilter:
         """Return the largest representable number that is at most `value`."""
         with np.errstate(over="ignore"):
             cast: NDArray[Any] = np.asarray(value.astype(self._dtype))
-        lower = np.nextafter(cast, self._dtype.type(-np.inf))
+        lower = np.nextafter(cast, np.asarray(-np.inf, dtype=self._dtype))
         return np.where(cast > value, lower, cast).astype(np.float64)
 
     def _round_up(self, value: Array) -> Array:

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import StrEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,18 +95,19 @@ class Certificate:
     """What the safety filter did to one command.
 
     Attributes:
-        nominal_action: Command asked for [rad, m/s], shape (2,), read-only.
-        safe_action: Command to execute [rad, m/s], shape (2,), read-only.
+        nominal_action: Command asked for [rad, m/s], shape (2,), read-only. In `shield.gym` an
+            action in the units and the shape of the space.
+        safe_action: Command, or action, to execute, same shape, read-only.
         status: How it came about.
         reason: What happened, empty when nothing did.
-        correction: ``safe_action - nominal_action``, shape (2,), read-only.
+        correction: ``safe_action - nominal_action``, same shape, read-only.
         max_violation: As in `Projection`, for the executed command.
         solve_time: Wall time of the call [s].
         intervened: True when `safe_action` differs from `nominal_action`.
     """
 
-    nominal_action: NDArray[np.float64]
-    safe_action: NDArray[np.float64]
+    nominal_action: NDArray[Any]
+    safe_action: NDArray[Any]
     status: Status
     reason: str
     correction: NDArray[np.float64]

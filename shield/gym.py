@@ -143,7 +143,7 @@ class ShieldedVectorEnv(VectorWrapper):
     def reset(
         self,
         *,
-        seed: int | list[int | None] | None = None,
+        seed: Any = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments, those in ``options["reset_mask"]`` if it is given."""
@@ -178,8 +178,9 @@ class ShieldedVectorEnv(VectorWrapper):
         observations, rewards, terminated, truncated, info = self.env.step(executed)
         self._ended = np.asarray(terminated | truncated, dtype=bool)
         if self._mode == AutoresetMode.SAME_STEP:
-            for index in np.flatnonzero(self._ended):
-                self._shields[index].reset()
+            for shield, ended in zip(self._shields, self._ended, strict=True):
+                if ended:
+                    shield.reset()
         info = {**info, "certificate": certificates, "_certificate": ~ignored}
         return observations, rewards, terminated, truncated, info
 

@@ -25,10 +25,12 @@ Array = NDArray[np.float64]
 
 # Targets this many box widths away pull as hard as any; further ones would only lose digits.
 _FAR = 1e9
-# The solver sees targets no further than this; the exact part sees them as they are.
-_NEAR = 1e2
-# Largest multiplier of the wrong sign, and largest violation, of a certified optimum.
-_KKT_TOLERANCE = 1e-9
+# The solver, and all that deals with bends, sees targets no further than this; the exact part of
+# G1 and G2 sees them as they are.
+_NEAR = 10.0
+# In units of a channel's step: tolerance of the solver, which only has to find the active bounds;
+# distance to a bound that counts as active; error of a certified optimum.
+_SEARCH, _ACTIVE, _CERTIFIED = 1e-3, 1e-2, 1e-9
 _INADMISSIBLE = (
     "the previous command is inadmissible: the box holds, the rest is approached at full rate"
 )
@@ -48,8 +50,8 @@ class HorizonProjector:
         solver: "osqp", or any solver installed for qpsolvers, or a factory (see `make_solver`).
         weights: Weights of steering and speed in the distance, (2,). They matter only where the
             lateral bound couples the two. Default: plain distance in rad and m/s.
-        tolerance: Tolerance of the solver. Default: 1e-6, enough to find the active bounds, which
-            are solved for exactly afterwards.
+        tolerance: Distance, in units of a step, by which the repair may move an answer that still
+            counts as projected. Default: 1e-6.
         deadline: Longest time for one call [s]. Default: half of a 10 Hz period.
 
     Raises:
@@ -73,26 +75,31 @@ class HorizonProjector:
         self.deadline = float(deadline)
         self.tolerance = float(tolerance)
         bounds = self._bounds = Bounds.of(limits)
-        step, span = bounds.steering_step, bounds.max_speed - bounds.min_speed
-        self._steering = ChainBounds(-bounds.max_steering, bounds.max_steering, step, step)
-        self._speed = ChainBounds(bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall)
-        self._reach = 1.0 + abs(bounds.min_speed) + abs(bounds.max_speed) + span
+        step = bounds.steering_step
+        self._channels = (
+            ChainBounds(-bounds.max_steering, bounds.max_steering, step, step),
+            ChainBounds(bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall),
+        )
+        self._units = (step, min(bounds.rise, bounds.fall))
+        self._reach = 1.0 + 3.0 * max(abs(bounds.min_speed), abs(bounds.max_speed))
+        self._diagonal = np.tile(self.weights, self.horizon)
+        self._engine = BatchEngine(bounds, self.horizon, self.weights, _NEAR * self._reach)
+        # The solver sees every channel in units of its step, whatever the vehicle.
+        self._scale = np.tile(self._units, self.horizon)
+        self._pull = -1.0 / self._scale
         rows = stack_rows(
             [BoxLimit(limits), RateLimit(limits)], np.zeros((self.horizon, 2)), np.zeros(2)
         )
-        self._lower, self._upper = rows.lower, rows.upper
-        self._diagonal = np.tile(self.weights, self.horizon)
-        self._pull = -self._diagonal
+        double = np.tile(self._scale, 2)
+        self._lower, self._upper = rows.lower / double, rows.upper / double
+        ones = np.ones(2 * self.horizon)
         matrix = sparse.csc_matrix(rows.matrix)
-        self._engine = BatchEngine(bounds, self.horizon, self.weights, _NEAR * self._reach)
-        self._solver = make_solver(
-            solver, self._diagonal, matrix, self.tolerance, 0.5 * self.deadline
-        )
+        self._solver = make_solver(solver, ones, matrix, _SEARCH, 0.5 * self.deadline)
         self._successive = (
             None
             if bounds.lateral is None
             else SuccessiveProjection(
-                limits, self.horizon, solver, self._diagonal, self.tolerance, 0.25 * self.deadline
+                limits, self.horizon, solver, self.weights, 0.25 * self.deadline
             )
         )
 
@@ -215,19 +222,19 @@ class HorizonProjector:
         shown = np.clip(targets_array, -near, near) if _exceeds(flat, near) else targets_array
         self._set_previous(steering, speed)
         answer, reason = self._solver.solve(self._pull * shown, self._lower, self._upper)
-        guess: list[float] | None = None if answer is None else answer.tolist()
+        guess: list[float] | None = None if answer is None else (answer * self._scale).tolist()
         if guess is not None and not math.isfinite(sum(guess)):
             guess, reason = None, "the solver's answer is not finite"
         goal, replaced = self._settle(guess, flat, steering, speed)
         repaired = repair(self._bounds, goal, steering, speed, self.weights)
         if repaired.bent and repaired.complete and self._successive is not None:
-            return self._bend(repaired.commands, targets_array, steering, speed, begin, reason)
+            return self._bend(repaired.commands, shown, steering, speed, begin, reason)
         if guess is None:
             return repaired.commands, Status.FALLBACK, reason
         if replaced and not reason and shown is targets_array:
-            off = max(abs(a - b) for a, b in zip(guess, goal, strict=True))
-            if off > 100.0 * self.tolerance:
-                reason = f"the solver's answer was off by {off:.1e}: solved by dynamic programming"
+            off = self._distance(guess, goal)
+            if off > 1.0:
+                reason = f"the solver was off by {off:.1e} steps: solved by dynamic programming"
         return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
 
     def _settle(
@@ -240,12 +247,15 @@ class HorizonProjector:
         """
         goal = [0.0] * len(targets)
         replaced = False
-        channels = ((0, self._steering, steering), (1, self._speed, speed))
-        for channel, bounds, last in channels:
-            wanted = targets[channel::2]
+        for channel, last in enumerate((steering, speed)):
+            wanted, bounds, unit = (
+                targets[channel::2],
+                self._channels[channel],
+                self._units[channel],
+            )
             if guess is not None:
-                chain = settle_chain(guess[channel::2], wanted, bounds, last, 10.0 * self.tolerance)
-                if is_optimal(chain, wanted, bounds, last, _KKT_TOLERANCE):
+                chain = settle_chain(guess[channel::2], wanted, bounds, last, _ACTIVE * unit)
+                if is_optimal(chain, wanted, bounds, last, _CERTIFIED * unit):
                     goal[channel::2] = chain
                     continue
             goal[channel::2] = solve_chain(wanted, bounds, last)
@@ -266,8 +276,6 @@ class HorizonProjector:
         answer = self._successive.solve(
             targets,
             np.array(start),
-            self._lower,
-            self._upper,
             (steering, speed),
             begin + 0.5 * self.deadline,
         )
@@ -281,9 +289,9 @@ class HorizonProjector:
             commands = start
             if cost > first_cost * (1.0 + self.tolerance):
                 return start, Status.REPAIRED, reason or "the repair alone was nearer"
-        moved = max(abs(a - b) for a, b in zip(goal, commands, strict=True))
-        if not reason and moved > 10.0 * self.tolerance:
-            reason = f"the answer was repaired by {moved:.1e}"
+        moved = self._distance(goal, commands)
+        if not reason and moved > self.tolerance:
+            reason = f"the answer was repaired by {moved:.1e} steps"
         return commands, Status.REPAIRED if reason else Status.PROJECTED, reason
 
     def _cost(self, commands: list[float], targets: Array) -> float:
@@ -291,14 +299,23 @@ class HorizonProjector:
         difference = np.array(commands) - targets
         return float(0.5 * np.dot(self._diagonal, difference * difference))
 
+    def _distance(self, first: list[float], second: list[float]) -> float:
+        """Return the largest difference of two flat horizons in units of a step."""
+        turn, change = self._units
+        return max(
+            max(abs(a - b) for a, b in zip(first[::2], second[::2], strict=True)) / turn,
+            max(abs(a - b) for a, b in zip(first[1::2], second[1::2], strict=True)) / change,
+        )
+
     def _set_previous(self, steering: float, speed: float) -> None:
         """Write the first rate rows; an inadmissible previous command keeps them feasible."""
         bounds, row = self._bounds, 2 * self.horizon
         side, step = bounds.max_steering, bounds.steering_step
-        self._lower[row] = min(steering - step, side)
-        self._upper[row] = max(steering + step, -side)
-        self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed)
-        self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed)
+        turn, change = self._units
+        self._lower[row] = min(steering - step, side) / turn
+        self._upper[row] = max(steering + step, -side) / turn
+        self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed) / change
+        self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed) / change
 
 
 def _exceeds(flat: list[float], size: float) -> bool:

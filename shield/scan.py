@@ -24,9 +24,10 @@ Array = NDArray[np.float64]
 class ScanFilter:
     """Cleans scans and finds their supported minimum.
 
-    A beam that repeats the same range bit by bit while the scene around it changes is stuck and
-    ignored. A scan with too few working beams, or one that repeats itself entirely while the car
-    drives, counts as missing.
+    A beam that repeats the same range bit by bit while the scene around it changes is stuck, and
+    ignored unless its neighbours are stuck with it: several beams that agree may be a car ahead at
+    the own speed, and what may be an obstacle is never ignored. A scan with too few working beams,
+    or one that repeats itself entirely while the car drives, counts as missing.
 
     Args:
         max_range: Largest range, reported where nothing returns [m].
@@ -77,7 +78,7 @@ class ScanFilter:
         with np.errstate(invalid="ignore"):
             working = ranges > 0.0
         stuck, dead = self._watch(ranges, speed)
-        working &= ~stuck
+        working &= ~self._isolated(stuck)
         if dead or working.mean() < self._least_working:
             return None
         usable = np.where(working, np.minimum(ranges, self._max_range), self._max_range)
@@ -85,6 +86,13 @@ class ScanFilter:
         windows = np.lib.stride_tricks.sliding_window_view(usable, width)
         kth = min(self._support, width) - 1
         return float(np.partition(windows, kth, axis=1)[:, kth].min())
+
+    def _isolated(self, stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Return the stuck beams with too few stuck neighbours to be an obstacle, (n,)."""
+        if not stuck.any():
+            return stuck
+        near = np.convolve(stuck, np.ones(2 * self._window - 1), mode="same")[: stuck.size]
+        return stuck & (near < self._support)
 
     def _watch(self, ranges: Array, speed: float | None) -> tuple[NDArray[np.bool_], bool]:
         """Return which beams are stuck, and whether the whole scan is dead."""

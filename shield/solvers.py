@@ -105,15 +105,17 @@ def make_solver(
 
 
 class _Workspace(osqp.OSQP):  # type: ignore[misc]
-    """OSQP's Python object with a leaner way in for vectors.
+    """OSQP's Python object with a leaner way in.
 
     Its own `update` clips the bounds to OSQP's infinity and looks that up by importing a module,
     each time; the bounds here are finite.
     """
 
-    def update_vectors(self, q: Array, lower: Array, upper: Array) -> None:
-        """Replace the three vectors."""
+    def replace(self, q: Array, lower: Array, upper: Array, matrix: Array | None) -> None:
+        """Replace the vectors and, if given, the entries of the matrix."""
         self._solver.update_data_vec(q=q, l=lower, u=upper)
+        if matrix is not None:
+            self._solver.update_data_mat(P_x=None, P_i=None, A_x=matrix, A_i=None)
 
 
 class OsqpSolver:
@@ -146,8 +148,8 @@ class OsqpSolver:
             "max_iter": max_iterations,
             "time_limit": deadline,
             # A multiple of the checks, never the clock: same input, same iterations.
-            "adaptive_rho_interval": 50,
-            "check_termination": 25,
+            "adaptive_rho_interval": 45,
+            "check_termination": 15,
             "polishing": False,
             "verbose": False,
         }
@@ -171,10 +173,7 @@ class OsqpSolver:
         try:
             if self._workspace is None:
                 self._workspace = self._set_up()
-            if matrix is None:
-                self._workspace.update_vectors(q, lower, upper)
-            else:
-                self._workspace.update(q=q, l=lower, u=upper, Ax=matrix)
+            self._workspace.replace(q, lower, upper, matrix)
             result = self._workspace.solve(raise_error=False)
             status, solution = result.info.status, result.x
             if status == "solved" and solution.shape == q.shape:

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from shield.chain import ChainBounds, active_blocks, is_optimal
-from shield.constraints import BoxLimit, LateralLimit, RateLimit, stack_rows
+from shield.constraints import UNBOUNDED, BoxLimit, LateralLimit, RateLimit, stack_rows
 from shield.limits import ActuatorLimits
 from shield.repair import INWARD
 from shield.solvers import SolverFactory, make_solver
@@ -32,9 +32,13 @@ __all__ = ["LateralAnswer", "LateralNewton", "SuccessiveProjection"]
 
 Array = NDArray[np.float64]
 
-_MAX_PROGRAMS = 20
+# One program per entry. A bound may be near without being active, or active and not near enough,
+# so each program looks with another factor on the distances below.
+_CLOSENESS = (1.0, 0.1, 10.0, 0.01, 1.0, 0.1, 10.0, 0.01)
 _MAX_NEWTON = 8
-# Lateral accelerations within this share of the bound are taken for active.
+# In units of a channel's step: tolerance of the solver, distance to a bound that counts as active,
+# error of a certified optimum. Lateral accelerations count as active from a share of their bound.
+_TOLERANCE, _ACTIVE, _CERTIFIED = 1e-5, 1e-3, 1e-7
 _NEAR = 1e-3
 
 
@@ -73,7 +77,7 @@ class LateralNewton:
         ]
 
     def refine(
-        self, guess: Array, targets: Array, previous: tuple[float, float], tolerance: float
+        self, guess: Array, targets: Array, previous: tuple[float, float], closeness: float = 1.0
     ) -> Array | None:
         """Return the local optimum on the bounds active at `guess`, or None if it is not one.
 
@@ -81,14 +85,16 @@ class LateralNewton:
             guess: Flat horizon (2 H,).
             targets: Nominal horizon (2 H,).
             previous: Last executed command.
-            tolerance: Distance to a linear bound below which it counts as active.
+            closeness: Factor on the distances at which bounds count as active.
         """
-        blocks, offsets = self._blocks(guess, previous, tolerance)
+        blocks, offsets = self._blocks(guess, previous, closeness)
         rows = self._rows
         rows.commands[:] = guess.reshape(self._horizon, 2)
         rows.evaluate()
         free = blocks.any(axis=1).reshape(self._horizon, 2).any(axis=1)
-        active = np.flatnonzero((np.abs(rows.values) >= self._bound * (1.0 - _NEAR)) & free)
+        active = np.flatnonzero(
+            (np.abs(rows.values) >= self._bound * (1.0 - _NEAR * closeness)) & free
+        )
         if active.size > blocks.shape[1]:
             return None
         counts = blocks.sum(axis=0)
@@ -102,14 +108,15 @@ class LateralNewton:
             size = np.abs(step[0]).max(initial=0.0)
             if not size < 10.0:
                 return None
-            if size < 1e-9:
+            # The next step would be of the size of its square.
+            if size < 1e-6:
                 break
         else:
             return None
         return point if self._is_optimal(point, targets, previous, active, multipliers) else None
 
     def _blocks(
-        self, guess: Array, previous: tuple[float, float], tolerance: float
+        self, guess: Array, previous: tuple[float, float], closeness: float
     ) -> tuple[Array, Array]:
         """Return the block matrix B (2 H, blocks) and the offsets (2 H,)."""
         owners = np.empty((self._horizon, 2), dtype=np.int64)
@@ -117,7 +124,8 @@ class LateralNewton:
         total = 0
         for channel, bounds in enumerate(self._chains):
             values = guess[channel::2].tolist()
-            owner, offset, count = active_blocks(values, bounds, previous[channel], tolerance)
+            near = closeness * _ACTIVE * min(bounds.rise, bounds.fall)
+            owner, offset, count = active_blocks(values, bounds, previous[channel], near)
             offsets[:, channel] = offset
             owners[:, channel] = [index + total if index >= 0 else -1 for index in owner]
             total += count
@@ -185,7 +193,7 @@ class LateralNewton:
                 effective[:, channel].tolist(),
                 bounds,
                 previous[channel],
-                1e-8,
+                _CERTIFIED * min(bounds.rise, bounds.fall),
             )
             for channel, bounds in enumerate(self._chains)
         )
@@ -194,12 +202,13 @@ class LateralNewton:
 class SuccessiveProjection:
     """Persistent workspace for G1, G2 and linearised G3.
 
+    The solver sees every channel in units of its step.
+
     Args:
         limits: Limits with a lateral bound.
         horizon: Number of steps H.
         solver: As in `make_solver`.
-        weights: Diagonal of `P`, shape (2 H,).
-        tolerance: Tolerance of each quadratic program.
+        weights: Weights of steering and speed.
         deadline: Longest time for one quadratic program [s].
     """
 
@@ -208,11 +217,11 @@ class SuccessiveProjection:
         limits: ActuatorLimits,
         horizon: int,
         solver: str | SolverFactory,
-        weights: Array,
-        tolerance: float,
+        weights: tuple[float, float],
         deadline: float,
     ) -> None:
         start = np.tile([0.1 * limits.max_steering, 0.5 * limits.max_speed + 0.1], (horizon, 1))
+        self._limits = limits
         self._lateral = LateralLimit(limits, horizon)
         rows = stack_rows([BoxLimit(limits), RateLimit(limits), self._lateral], start, np.zeros(2))
         self._matrix = sparse.csc_matrix(rows.matrix)
@@ -220,54 +229,63 @@ class SuccessiveProjection:
         # Where in the CSC data the two entries of each lateral row live, in step order.
         lateral = np.flatnonzero(self._matrix.indices >= 4 * horizon)
         self._entries = lateral[np.argsort(column[lateral])]
-        self._low, self._high = np.zeros(5 * horizon), np.zeros(5 * horizon)
         self._first = 4 * horizon
         self._horizon = horizon
-        self._weights = weights
-        self._tolerance = tolerance
-        self._solver = make_solver(solver, weights, self._matrix, tolerance, deadline)
-        self._newton = LateralNewton(limits, horizon, weights)
+        unit = np.minimum(limits.rise, limits.fall)
+        self._unit, self._scale = unit, np.tile(unit, horizon)
+        self._low = rows.lower / np.concatenate([self._scale, self._scale, np.ones(horizon)])
+        self._high = rows.upper / np.concatenate([self._scale, self._scale, np.ones(horizon)])
+        diagonal = np.tile(weights * unit**2, horizon)
+        diagonal /= diagonal.max()
+        self._pull = -diagonal / self._scale
+        self._solver = make_solver(solver, diagonal, self._matrix, _TOLERANCE, deadline)
+        self._newton = LateralNewton(limits, horizon, np.tile(weights, horizon))
 
     def solve(
-        self,
-        targets: Array,
-        start: Array,
-        lower: Array,
-        upper: Array,
-        previous: tuple[float, float],
-        stop_at: float,
+        self, targets: Array, start: Array, previous: tuple[float, float], stop_at: float
     ) -> LateralAnswer:
         """Approach the nearest horizon within G1, G2 and G3.
 
         Args:
             targets: Nominal horizon, shape (2 H,).
-            start: Horizon to start from, shape (2 H,).
-            lower: Lower ends of the rows of G1 and G2, shape (4 H,).
-            upper: Upper ends, shape (4 H,).
-            previous: Last executed command.
+            start: Admissible horizon to start from, shape (2 H,).
+            previous: Last executed command, from which `start` is admissible.
             stop_at: `time.perf_counter` after which no further program is started.
         """
-        q = -self._weights * targets
-        first, low, high = self._first, self._low, self._high
-        low[:first], high[:first] = lower, upper
+        q = self._pull * targets
+        self._set_previous(np.array(previous))
         point = start
-        for _ in range(_MAX_PROGRAMS):
+        for closeness in _CLOSENESS:
             if time.perf_counter() > stop_at:
                 return LateralAnswer(point, False, "stopped at the deadline")
-            gradient, low[first:], high[first:] = self._lateral.linearise(
-                point.reshape(self._horizon, 2)
-            )
-            self._matrix.data[self._entries] = gradient.ravel()
-            answer, reason = self._solver.solve(q, low, high, self._matrix.data)
+            self._linearise(point)
+            answer, reason = self._solver.solve(q, self._low, self._high, self._matrix.data)
             if answer is None:
                 return LateralAnswer(None, False, reason)
-            moved = float(np.abs(answer - point).max())
+            answer = answer * self._scale
+            moved = float(np.abs((answer - point) / self._scale).max())
             if not moved < np.inf:
                 return LateralAnswer(None, False, "the solver's answer is not finite")
             point = answer
-            refined = self._newton.refine(point, targets, previous, 10.0 * self._tolerance)
+            refined = self._newton.refine(point, targets, previous, closeness)
             if refined is not None:
                 return LateralAnswer(refined, True, "")
-            if reason or moved < self._tolerance:
+            if reason or moved < _TOLERANCE:
                 return LateralAnswer(point, False, reason)
         return LateralAnswer(point, False, "")
+
+    def _set_previous(self, previous: Array) -> None:
+        """Write the first rate rows."""
+        row = 2 * self._horizon
+        self._low[row : row + 2] = (previous - self._limits.fall) / self._unit
+        self._high[row : row + 2] = (previous + self._limits.rise) / self._unit
+
+    def _linearise(self, point: Array) -> None:
+        """Write the lateral rows, scaled to entries of length one."""
+        first = self._first
+        gradient, low, high = self._lateral.linearise(point.reshape(self._horizon, 2))
+        gradient = gradient * self._unit
+        length = np.maximum(np.sqrt((gradient * gradient).sum(axis=1)), 1e-9)
+        self._matrix.data[self._entries] = (gradient / length[:, None]).ravel()
+        self._low[first:] = np.maximum(low / length, -UNBOUNDED)
+        self._high[first:] = np.minimum(high / length, UNBOUNDED)

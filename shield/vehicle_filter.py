@@ -9,6 +9,7 @@ taken, and the last executed action, which is on the grid and admissible, if non
 
 from dataclasses import replace
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -108,7 +109,7 @@ class VehicleFilter:
             array.flags.writeable = False
         return replace(certificate, nominal_action=wanted, safe_action=given, correction=correction)
 
-    def _realise(self, certificate: Certificate, before: Array) -> NDArray[np.floating]:
+    def _realise(self, certificate: Certificate, before: Array) -> NDArray[Any]:
         """Return the action on the grid nearest to a safe command that is safe itself."""
         safe = certificate.safe_action
         steering, speed = before.tolist()
@@ -122,7 +123,7 @@ class VehicleFilter:
                 best, least = candidate, distance
         return best
 
-    def _neighbours(self, around: NDArray[np.floating]) -> list[NDArray[np.floating]]:
+    def _neighbours(self, around: NDArray[Any]) -> list[NDArray[Any]]:
         """Return the actions of the space within a few grid steps."""
         columns = []
         for value, low, high in zip(around, self._low, self._high, strict=True):
@@ -130,16 +131,16 @@ class VehicleFilter:
             for direction in (-np.inf, np.inf):
                 neighbour = value
                 for _ in range(_REACH):
-                    neighbour = np.nextafter(neighbour, self._dtype.type(direction))
+                    neighbour = np.nextafter(neighbour, np.asarray(direction, dtype=self._dtype))
                     values.append(neighbour)
             columns.append([item for item in values if low <= item <= high])
         return [np.array(pair, dtype=self._dtype) for pair in product(*columns)]
 
-    def _round(self, action: Array) -> NDArray[np.floating]:
+    def _round(self, action: Array) -> NDArray[Any]:
         with np.errstate(over="ignore"):
             return action.astype(self._dtype)
 
-    def _to_command(self, action: NDArray[np.floating]) -> Array:
+    def _to_command(self, action: NDArray[Any]) -> Array:
         exact = action.astype(np.float64)
         return self.limits.to_command(exact) if self._normalised else exact
 

@@ -245,8 +245,9 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         terms = self._reward_terms(rate, collision=collision, off_road=off_road, success=success)
         terminated = collision or off_road or success
         truncated = not terminated and self._time >= self.config.time_limit - 0.5 * dt
+        observation = self._observe()
         info = self._info(terms, collision=collision, off_road=off_road, success=success)
-        return self._observe(), float(sum(terms.values())), terminated, truncated, info
+        return observation, float(sum(terms.values())), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
         """The chase view (360, 640, 3) uint8, or None without a render mode."""

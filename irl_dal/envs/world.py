@@ -2,13 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
 
 import numpy as np
-import pybullet
 from numpy.typing import NDArray
+
+
+@contextmanager
+def _silent_stderr() -> Iterator[None]:
+    """Close the C side of stderr: pybullet greets there with its build time when imported."""
+    kept = os.dup(2)
+    with open(os.devnull, "w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+
+
+with _silent_stderr():
+    import pybullet
 
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]

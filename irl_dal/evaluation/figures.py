@@ -20,7 +20,7 @@ __all__ = ["draw_training"]
 
 Array = NDArray[np.float64]
 
-DPI = 150
+DPI = 130
 
 
 @dataclass(frozen=True, slots=True)

@@ -91,5 +91,5 @@ def _read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
         return [FIRST_COLUMN], []
     reader = csv.DictReader(lines)
     columns = list(reader.fieldnames or [FIRST_COLUMN])
-    rows = [row for row in reader if row[FIRST_COLUMN].isdecimal() and None not in row.values()]
+    rows = [row for row in reader if row[FIRST_COLUMN].isdecimal()]
     return columns, rows

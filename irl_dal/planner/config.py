@@ -33,7 +33,9 @@ class PlannerConfig:
         projection: Where the plan is projected.
         defect_threshold: Defect from which `adaptive` projects, as a share of the bound.
         candidates: N plans drawn in one batch; the one of least energy is taken.
-        deadline: Longest time for one plan [s]: 100 ms of the control step less a margin.
+        deadline: Longest time for one plan [s]; past it the fallback is used and counted. None for
+            simulated time, which stands still while a plan is made: a busy machine must not change
+            a result. 0.08 leaves a margin in the 100 ms of a real control step.
         denoiser: Size of the network.
         guidance: Guidance step.
         energy: Energies.
@@ -54,7 +56,7 @@ class PlannerConfig:
     projection: ProjectionMode = "x0"
     defect_threshold: float = 0.5
     candidates: int = 1
-    deadline: float = 0.08
+    deadline: float | None = None
     denoiser: DenoiserConfig = field(default_factory=DenoiserConfig)
     guidance: GuidanceConfig = field(default_factory=GuidanceConfig)
     energy: EnergyConfig = field(default_factory=EnergyConfig)

@@ -66,6 +66,5 @@ class Guidance(Refinement):
         """The estimate (B, H, 2) moved towards lower energy."""
         self.energy_before, gradient = self._energy.evaluate(clean)
         norm: Array = np.sqrt(np.einsum("bhc,bhc->b", gradient, gradient))
-        return (
-            clean - (self._config.scale / (norm + self._config.epsilon))[:, None, None] * gradient
-        )
+        gradient *= (self._config.scale / (norm + self._config.epsilon))[:, None, None]
+        return clean - gradient

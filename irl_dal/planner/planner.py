@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
@@ -185,7 +186,8 @@ class DiffusionPlanner:
         network = self._fast_denoiser()
         films = network.condition(context.encode()[None])
         draws = self._sampler.draw(self.generator, self.config.candidates, self.config.horizon)
-        deadline = begin + self.config.deadline
+        allowed = self.config.deadline
+        deadline = math.inf if allowed is None else begin + allowed
         return self._sampler.sample(
             lambda noisy, index: network.predict(noisy, films, index),
             draws,

@@ -24,14 +24,45 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 
 
+@dataclass(frozen=True, slots=True)
+class BrakingTail:
+    """What comes after the last command of a plan: braking to a stop with the steering held.
+
+    Attributes:
+        deceleration: [m/s^2].
+        points: Poses on the way, evenly spaced.
+    """
+
+    deceleration: float
+    points: int = 4
+
+    def driven(self, speed: float, others: Array) -> Array:
+        """How far others get that brake as hard, in seconds of their own speed.
+
+        Args:
+            speed: Speed of the car when it begins to brake [m/s].
+            others: Speeds of the others (P,) [m/s].
+
+        Returns:
+            (points, P) [s]: times a velocity, the way driven when the car is at each pose.
+        """
+        share = np.arange(1, self.points + 1)[:, None] / self.points
+        time = abs(speed) / self.deceleration * (1.0 - np.sqrt(1.0 - share))
+        stop = others / self.deceleration
+        braked = np.minimum(time, stop)
+        return braked * (1.0 - 0.5 * braked / np.maximum(stop, 1e-9))
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class EgoRollout:
     """Poses of the rear axle in the frame in which it now stands at the origin, heading along x.
 
+    N is H, or H + points with a braking tail.
+
     Attributes:
-        x: Position after each step (B, H) [m].
-        y: Position after each step (B, H) [m], left.
-        heading: Heading after each step (B, H) [rad].
+        x: Position after each step (B, N) [m].
+        y: Position after each step (B, N) [m], left.
+        heading: Heading after each step (B, N) [rad].
     """
 
     x: Array
@@ -40,39 +71,45 @@ class EgoRollout:
     _cos: Array
     _sin: Array
     _along: Array
-    _dt: float
     _bend: Array
-    _stretch: Array
+    _last_speed: Array
+    _wheelbase: float
+    _dt: float
+    _tail: BrakingTail | None
 
     @classmethod
-    def of(cls, commands: Array, wheelbase: float, dt: float) -> EgoRollout:
-        """Roll commands (B, H, 2) [rad, m/s] out; `wheelbase` [m], `dt` [s]."""
+    def of(
+        cls, commands: Array, wheelbase: float, dt: float, tail: BrakingTail | None = None
+    ) -> EgoRollout:
+        """Roll commands (B, H, 2) [rad, m/s] out.
+
+        Args:
+            commands: (B, H, 2) [rad, m/s].
+            wheelbase: L [m].
+            dt: Step [s].
+            tail: What follows the last command; None for nothing.
+        """
         along = commands[..., 1] * dt
         bend = np.tan(commands[..., 0]) / wheelbase
+        last = commands[:, -1:, 1]
+        if tail is not None:
+            stretch = last * np.abs(last) / (2.0 * tail.deceleration * tail.points)
+            along = np.concatenate([along, *[stretch] * tail.points], axis=1)
+            bend = np.concatenate([bend, *[bend[:, -1:]] * tail.points], axis=1)
         turn = bend * along
         heading = turn.cumsum(axis=1)
         middle = heading - 0.5 * turn
         cos, sin = np.cos(middle), np.sin(middle)
-        stretch = along * (1.0 / wheelbase + wheelbase * bend * bend)  # d turn / d delta
-        return cls(
-            x=(along * cos).cumsum(axis=1),
-            y=(along * sin).cumsum(axis=1),
-            heading=heading,
-            _cos=cos,
-            _sin=sin,
-            _along=along,
-            _dt=dt,
-            _bend=bend,
-            _stretch=stretch,
-        )
+        x, y = (along * cos).cumsum(axis=1), (along * sin).cumsum(axis=1)
+        return cls(x, y, heading, cos, sin, along, bend, last, wheelbase, dt, tail)
 
     def pull_back(self, dx: Array, dy: Array, dheading: Array) -> Array:
         """Gradient with respect to the commands from that with respect to the poses.
 
         Args:
-            dx: Derivative with respect to `x` (B, H).
-            dy: Derivative with respect to `y` (B, H).
-            dheading: Derivative with respect to `heading` (B, H).
+            dx: Derivative with respect to `x` (B, N).
+            dy: Derivative with respect to `y` (B, N).
+            dheading: Derivative with respect to `heading` (B, N).
 
         Returns:
             (B, H, 2), per radian and per m/s.
@@ -80,11 +117,18 @@ class EgoRollout:
         later_x, later_y = _later(dx), _later(dy)
         dmiddle = self._along * (later_y * self._cos - later_x * self._sin)
         dturn = _later(dmiddle + dheading) - 0.5 * dmiddle
-        gradient = np.empty((*dx.shape, 2))
-        gradient[..., 0] = dturn * self._stretch
-        gradient[..., 1] = self._dt * (
-            later_x * self._cos + later_y * self._sin + dturn * self._bend
-        )
+        dalong = later_x * self._cos + later_y * self._sin + dturn * self._bend
+        dbend = dturn * self._along
+        horizon = dx.shape[1] if self._tail is None else dx.shape[1] - self._tail.points
+        bend = self._bend[:, :horizon]
+        gradient = np.empty((len(dx), horizon, 2))
+        gradient[..., 0] = dbend[:, :horizon]
+        gradient[..., 1] = dalong[:, :horizon] * self._dt
+        if self._tail is not None:
+            stretch = np.abs(self._last_speed[:, 0]) / (self._tail.deceleration * self._tail.points)
+            gradient[:, -1, 0] += dbend[:, horizon:].sum(axis=1)
+            gradient[:, -1, 1] += dalong[:, horizon:].sum(axis=1) * stretch
+        gradient[..., 0] *= 1.0 / self._wheelbase + self._wheelbase * bend * bend
         return gradient
 
 

@@ -62,8 +62,9 @@ class BatchEngine:
             nominals: Wanted commands, shape (B, H, 2), any values.
             previous: Last executed commands, shape (B, 2), any values.
         """
-        wanted = np.ascontiguousarray(nominals.transpose(1, 2, 0))
-        last = np.ascontiguousarray(previous.T)
+        # Copies, always: a batch of one would otherwise be the caller's own memory.
+        wanted = np.array(nominals.transpose(1, 2, 0), order="C")
+        last = np.array(previous.T, order="C")
         nominal = admissible(self._bounds, wanted, last)
         nominal &= np.isfinite(last).all(axis=0)
         with np.errstate(invalid="ignore"):

@@ -31,7 +31,7 @@ _MAX_STEPS = 30
 # Share of the average complementarity that the next step aims at: cautious, and after a step that
 # went nearly the whole way.
 _CAUTIOUS, _BOLD = 0.1, 0.01
-# The start: least slack as a share of its bound, complementarity as a share of a rough guess.
+# The start: least slack as a share of a step, complementarity as a share of a rough guess.
 _PUSH, _FIRST = 0.1, 0.1
 # Share of the way to the nearest bound that a step may go.
 _TO_BOUNDARY = 0.99
@@ -135,7 +135,7 @@ class LateralBatch:
         # The size of a multiplier times the size of a slack.
         first = (np.abs(self._weights * (targets - start)) * self._unit).mean(axis=(0, 1))
         first = _FIRST * first + 1e-4
-        slack = np.maximum(self._ends - _linear(start, previous), _PUSH * self._ends)
+        slack = np.maximum(self._ends - _linear(start, previous), _PUSH * self._unit)
         iterate = _Iterate(
             index=np.arange(start.shape[-1]),
             target=targets,

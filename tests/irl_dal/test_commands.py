@@ -26,6 +26,15 @@ TINY = (
     "learning.sync_interval=16",
     "learning.checkpoint_interval=48",
     "learning.log_interval=16",
+    "learning.critic_steps=2",
+    "learning.cloning.batch_size=16",
+    "learning.cloning.steps_imitation=3",
+    "learning.cloning.steps_mixed=2",
+    "learning.cloning.validation_size=16",
+    "learning.diffusion.steps_imitation=3",
+    "learning.diffusion.steps_mixed=2",
+    "learning.discriminator.steps=2",
+    "learning.discriminator.samples=16",
     "shield.trigger.clearance=15",
     "evaluation.n_jobs=1",
     "evaluation.path_states=2",
@@ -130,7 +139,8 @@ def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: P
 def test_a_complete_run_resumes_to_its_evaluation(trained: Path, call: Call) -> None:
     """Nothing is trained again, the extent of the evaluation may be stated anew."""
     before = (trained / "metrics.csv").read_bytes()
-    call("train", f"resume={trained}", "evaluation.episodes=1", "seed=3")
+    shorter = ("evaluation.episodes=1", "evaluation.video_duration=0")
+    call("train", f"resume={trained}", *shorter, "seed=3")
     assert (trained / "metrics.csv").read_bytes() == before
     assert json.loads((trained / "evaluation.json").read_text())["episodes"] == 1
 

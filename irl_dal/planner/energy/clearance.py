@@ -7,7 +7,7 @@ import numpy as np
 from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
-from irl_dal.planner.rollout import EgoRollout
+from irl_dal.planner.rollout import BrakingTail, EgoRollout
 from shield import ActuatorLimits
 
 LIDAR_POSITION = 3.6
@@ -30,7 +30,8 @@ class ClearanceEnergy(Energy):
     d_i is the distance from the car's outline, three discs, to the nearest of the scan's points at
     that time; :math:`w_{lidar} = w_{base} (1 + h_t)`. The object that the tracked clearance
     belongs to moves along its line of sight with the speed that explains the closing speed; the
-    other points rest. Points that no plan can come near to are left out.
+    other points rest. With `braking`, the roll-out goes on until the car stands, and the object
+    brakes as hard. Points that no plan can come near to are left out.
     """
 
     name = "lidar"
@@ -40,9 +41,15 @@ class ClearanceEnergy(Energy):
     ) -> None:
         super().__init__(context, config, limits, horizon)
         self._weight = clearance_weight(context, config)
+        braking = config.braking
+        self._tail = None if braking is None else BrakingTail(braking)
         points, velocities = self._reachable(*scan_points(context))
-        times = limits.dt * np.arange(1, horizon + 1)
-        moving = points + times[:, None, None] * velocities  # (H, P, 2)
+        driven = limits.dt * np.arange(1, horizon + 1)[:, None] * np.ones(len(points))
+        if self._tail is not None:
+            speeds = np.linalg.norm(velocities, axis=1)
+            rest = self._tail.driven(float(context.previous[1]), speeds)
+            driven = np.concatenate([driven, driven[-1] + rest])
+        moving = points + driven[..., None] * velocities  # (N, P, 2)
         self._east = moving[:, None, :, 0].copy()
         self._north = moving[:, None, :, 1].copy()
 
@@ -53,7 +60,7 @@ class ClearanceEnergy(Energy):
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        ego = EgoRollout.of(plans.commands, self.limits.wheelbase, self.limits.dt)
+        ego = EgoRollout.of(plans.commands, self.limits.wheelbase, self.limits.dt, self._tail)
         distance, east, north, disc = self._nearest(ego)
         gap = self.config.safe_clearance - (distance - DISC_RADIUS)
         gap = np.maximum(gap, 0.0) / self.config.clearance_scale
@@ -93,6 +100,8 @@ class ClearanceEnergy(Energy):
         own = max(abs(self.limits.max_speed), abs(self.limits.min_speed))
         speed = own + np.linalg.norm(velocities, axis=1)
         longest = self.horizon * self.limits.dt
+        if self.config.braking is not None:
+            longest += own / self.config.braking
         near = np.linalg.norm(points, axis=1) < reach + speed * longest
         return points[near], velocities[near]
 

@@ -25,6 +25,9 @@ class EnergyConfig:
         clearance_weight: w_base^lidar; the paper does not give it.
         safe_clearance: d_safe^plan [m]; the trigger distance of Table II.
         clearance_scale: s_lidar (Table II) [m].
+        braking: The obstacle term also looks at the way on which the car stops after the plan with
+            this deceleration [m/s^2], so that a plan leaves room to brake; None looks at the plan
+            alone, 0.8 s.
         jerk_weight: w_jerk (Table II).
         stability_weight: w_stab (Table II).
         reference_speed: v_ref [m/s]; None takes the last executed speed. The paper does not say.
@@ -42,6 +45,7 @@ class EnergyConfig:
     clearance_weight: float = 1.0
     safe_clearance: float = 3.0
     clearance_scale: float = 2.0
+    braking: float | None = 4.0
     jerk_weight: float = 0.1
     stability_weight: float = 0.5
     reference_speed: float | None = None
@@ -67,6 +71,8 @@ class EnergyConfig:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0):
                 raise ValueError(f"`{name}` must be finite and not negative. Got {value}.")
+        if self.braking is not None and not (math.isfinite(self.braking) and self.braking > 0):
+            raise ValueError(f"`braking` must be finite and positive, or None. Got {self.braking}.")
         if self.reference_speed is not None and not math.isfinite(self.reference_speed):
             raise ValueError(
                 f"`reference_speed` must be finite or None. Got {self.reference_speed}."

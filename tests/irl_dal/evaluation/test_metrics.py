@@ -108,11 +108,13 @@ def test_action_similarity_compares_the_agents_own_action() -> None:
 def test_ade_is_the_mean_and_fde_the_final_distance() -> None:
     """Distances between two paths, mean over stretches."""
     still = np.zeros((3, 2))
-    away = np.array([[0.0, 0.0], [3.0, 4.0], [6.0, 8.0]])
+    away = np.array([[3.0, 4.0], [6.0, 8.0], [0.0, 0.0]]) / 2.0
     pairs = [PathPair(0, 1, away, still), PathPair(0, 2, still, still)]
     numbers = report(Measurements([written_episode()], pairs=pairs))
-    assert numbers["ade_m"] == pytest.approx(2.5)
-    assert numbers["fde_m"] == pytest.approx(5.0)
+    assert numbers["ade_m"] == pytest.approx(1.25)
+    assert numbers["fde_m"] == 0.0
+    far = [PathPair(0, 1, away[::-1][[0, 2, 1]], still)]
+    assert report(Measurements([written_episode()], pairs=far))["fde_m"] == pytest.approx(5.0)
 
 
 def test_a_violation_of_one_ulp_counts() -> None:

@@ -1,11 +1,17 @@
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 
-from irl_dal.evaluation.agents import RandomAgent
+from irl_dal.build import build_loop, build_planner, expert_supervision, supervision
+from irl_dal.evaluation.agents import ExpertAgent, RandomAgent, StepResult
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, spread_steps
+from irl_dal.loop import ControlLoop, Observation
 
-from .small import small_bench
+from .small import small_bench, small_config
 
 SEED = 10_007
 
@@ -83,6 +89,53 @@ def test_restored_states_are_exact(step: int) -> None:
         bench.close()
     np.testing.assert_array_equal(pair.agent, pair.expert)
     np.testing.assert_array_equal(pair.expert[0], expert.pose[step + 1, :2])
+
+
+def test_a_restored_state_looks_the_same() -> None:
+    """What the agent sees there, camera included, is what the expert's drive had shown."""
+    bench, seen, shown = small_bench("expert"), [], []
+
+    class Looker(ExpertAgent):
+        def act(self, observation: Observation, info: Mapping[str, Any]) -> np.ndarray:
+            shown.append(observation)
+            return super().act(observation, info)
+
+    try:
+        expert = drive_episode(
+            bench.loop, ExpertAgent(), SEED, lambda observation, _: seen.append(observation)
+        )
+        compare_paths(bench.loop, bench.reference, Looker(), expert, 6, 1)
+    finally:
+        bench.close()
+    for key, value in seen[6].items():
+        np.testing.assert_array_equal(shown[0][key], value)
+    assert shown[0]["image"].std() > 1.0
+
+
+def test_plans_do_not_depend_on_what_was_compared_before() -> None:
+    """The planner's random source starts anew for every stretch."""
+
+    class Supervised(ExpertAgent):
+        def drive(self, loop: ControlLoop, action: np.ndarray) -> StepResult:
+            return loop.step(action)
+
+    config = small_config()
+    config = replace(config, supervision=replace(config.supervision, activation="always"))
+    config = replace(config, planner=replace(config.planner, deadline=10.0, sampling_steps=2))
+    planner = build_planner(config)
+    loop = build_loop(config, supervision(config, planner))
+    reference, agent = expert_supervision(config), Supervised()
+    try:
+        expert, _ = drive_expert(loop, reference, agent, SEED)
+        paths = [
+            [compare_paths(loop, reference, agent, expert, step, 8).agent for step in order]
+            for order in ([3, 9], [9, 3])
+        ]
+    finally:
+        loop.close()
+    assert planner is not None and planner.counts["plans"] == 32
+    np.testing.assert_array_equal(paths[0][0], paths[1][1])
+    np.testing.assert_array_equal(paths[0][1], paths[1][0])
 
 
 def test_another_driver_leaves_the_path() -> None:

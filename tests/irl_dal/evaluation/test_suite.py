@@ -52,6 +52,19 @@ def test_references_are_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
         evaluate(other, AgentSpec("random"), tmp_path)
 
 
+def test_the_experts_own_drives_are_its_references(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Evaluating the expert drives each of its episodes once."""
+
+    def never(_bench: Bench, seed: int) -> None:
+        raise AssertionError(f"seed {seed} was driven again")
+
+    monkeypatch.setattr(Bench, "probe", never)
+    report = evaluate(small_config(held_out_episodes=0), AgentSpec("expert"), tmp_path).report
+    assert report["normalized_return"] == 200.0 and report["bc_loss"] is None
+
+
 def test_a_run_needs_a_folder() -> None:
     """An agent from a run without a folder, or the expert with one, is refused."""
     with pytest.raises(ValueError, match="`run_dir`"):

@@ -118,6 +118,17 @@ def test_the_state_continues_the_training() -> None:
         assert torch.equal(p, q)
 
 
+def test_the_reported_loss_is_that_of_episodes_never_trained_on() -> None:
+    """Labels that only held-out episodes have show in the loss."""
+    replay = filled_replay(100)
+    held_out = [replay.is_held_out(int(e)) for e in replay._data["episode"][:100]]
+    replay._data["label"][:100][held_out] = 10.0
+    cloning = BehaviourCloning(new_policy(), CloningConfig(validation_size=32))
+    found = cloning.validate(replay, np.random.default_rng(0))
+    assert found is not None
+    assert found.loss == pytest.approx(100.0, rel=0.1)
+
+
 def test_without_held_out_states_there_is_no_loss() -> None:
     """An empty validation split reports nothing rather than a zero."""
     replay = filled_replay(20)

@@ -119,7 +119,7 @@ def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Te
     ray = torch.stack([angle.cos(), angle.sin()], dim=1)
     near = int(distance.argmin())
     points = distance[:, None] * ray
-    moves = (points - points[near]).norm(dim=1) < 3.0
+    moves = ((points - points[near]).norm(dim=1) < 3.0).double()
     away = scene.speed * ray[near, 0] - scene.clearance.closing_speed
     offsets, clearances = [], []
     for i, action in enumerate(actions):
@@ -138,7 +138,21 @@ def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Te
         now = now + moves[:, None] * away * ray[near] * LIMITS.dt * (i + 1)
         direction = torch.stack([pose[2].cos(), pose[2].sin()])
         discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
-        clearances.append(torch.cdist(discs, now).min() - DISC_RADIUS)
+        clearances.append((discs[:, None] - now).norm(dim=2).min() - DISC_RADIUS)
+    for j in range(1, 5):  # four poses on the way to a stop at `braking`, the object braking too
+        brake = config.braking or math.inf
+        run = speed**2 / (2.0 * brake) / 4.0
+        mid = pose[2] + 0.5 * bend * run
+        pose = torch.stack(
+            [pose[0] + run * mid.cos(), pose[1] + run * mid.sin(), pose[2] + bend * run]
+        )
+        time = scene.previous[1] / brake * (1.0 - math.sqrt(1.0 - j / 4.0))
+        time = min(time, abs(away) / brake)
+        way = math.copysign(abs(away) * time - 0.5 * brake * time**2, away)
+        direction = torch.stack([pose[2].cos(), pose[2].sin()])
+        discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
+        then = now + moves[:, None] * way * ray[near]
+        clearances.append((discs[:, None] - then).norm(dim=2).min() - DISC_RADIUS)
     preview = offsets[-1] + config.lane_preview * speed * psi.sin()
     target = min(scene.lane_centres, key=lambda one: abs(float(preview.detach()) - one))
     off = torch.stack(offsets) - target
@@ -218,10 +232,24 @@ def test_a_leading_car_is_less_of_an_obstacle_than_a_parked_one() -> None:
     config, plan = EnergyConfig(), batch(constant(0.0, 6.0))
     energies = []
     for closing in (12.0, 6.0, 0.0):  # oncoming at 6 m/s, parked, driving ahead at 6 m/s
-        scene = context(bearing=0.0, distance=5.0, speed=6.0)
+        scene = context(bearing=0.0, distance=11.0, speed=6.0)
         scene = replace(scene, clearance=replace(scene.clearance, closing_speed=closing))
         energies.append(float(ClearanceEnergy(scene, config, LIMITS, HORIZON).evaluate(plan)[0][0]))
     assert energies[0] > energies[1] > energies[2] == 0.0
+
+
+def test_a_plan_leaves_room_to_brake() -> None:
+    """An object beyond the plan's end counts if the car could not stop before it, else not."""
+    scene = context(bearing=0.0, distance=12.0, speed=8.0)
+    short, long = (
+        ClearanceEnergy(scene, EnergyConfig(braking=braking), LIMITS, HORIZON)
+        for braking in (None, 4.0)
+    )
+    fast, slow = batch(constant(0.0, 8.0)), batch(constant(0.0, 3.0))
+    assert float(short.evaluate(fast)[0][0]) == 0.0  # 6.4 m driven, 5.6 m left
+    assert float(long.evaluate(fast)[0][0]) > 0.0  # 8 m more to stop
+    assert float(long.evaluate(slow)[0][0]) == 0.0
+    assert float(long.evaluate(fast)[1][0, -1, 1]) > 0.0
 
 
 def test_hazard_raises_the_adaptive_weights() -> None:
@@ -275,9 +303,9 @@ def test_no_point_that_counts_is_left_out() -> None:
 
     plans = batch(np.concatenate([constant(steering, 12.0) for steering in (-0.3, 0.0, 0.3)]))
     seen = []
-    for distance in np.linspace(2.0, 20.0, 10):
+    for distance in np.linspace(2.0, 39.0, 20):
         scene = context(bearing=0.0, distance=float(distance), speed=12.0)
-        scene = replace(scene, clearance=replace(scene.clearance, closing_speed=18.0))
+        scene = replace(scene, clearance=replace(scene.clearance, closing_speed=12.0))
         some, every = (
             kind(scene, EnergyConfig(), LIMITS, HORIZON) for kind in (ClearanceEnergy, Everything)
         )

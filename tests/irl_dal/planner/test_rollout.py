@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from irl_dal.planner.rollout import EgoRollout, RoadRollout
+from irl_dal.planner.rollout import BrakingTail, EgoRollout, RoadRollout
 from shield.vehicle import KinematicBicycle
 
 Array = NDArray[np.float64]
@@ -90,6 +90,27 @@ def test_curvature_rate_bends_the_lane() -> None:
     np.testing.assert_allclose(mine.heading[0], LANE["heading"] - turned, atol=1e-12)
 
 
+def test_braking_tail_stops_where_a_braking_car_does() -> None:
+    """After the plan the car drives v^2 / 2b along its last arc, in evenly spaced poses."""
+    tail = BrakingTail(deceleration=4.0, points=4)
+    values = np.full((1, 8, 2), (0.1, 8.0))
+    rolled = EgoRollout.of(values, WHEELBASE, DT, tail)
+    assert rolled.x.shape == (1, 12)
+    np.testing.assert_allclose(rolled.x[:, :8], ego(values).x)
+    turned = math.tan(0.1) / WHEELBASE * (8.0 * 0.8 + 8.0**2 / 8.0)
+    assert float(rolled.heading[0, -1]) == pytest.approx(turned)
+    np.testing.assert_allclose(np.diff(rolled.heading[0, 8:]), np.diff(rolled.heading[0, 8:])[0])
+
+
+def test_others_brake_during_the_tail() -> None:
+    """One that drives as fast gets as far; a slower one stops after v / 2b seconds of its speed."""
+    tail = BrakingTail(deceleration=4.0, points=4)
+    driven = tail.driven(8.0, np.array([8.0, 4.0, 0.0]))
+    np.testing.assert_allclose(driven[:, 0] * 8.0, np.array([0.25, 0.5, 0.75, 1.0]) * 8.0)
+    assert float(driven[-1, 1]) == pytest.approx(0.5)
+    assert float(driven[-1, 2]) == 0.0
+
+
 def finite_differences(function, values: Array) -> Array:  # type: ignore[no-untyped-def]
     """Central differences of a function of (B, H, 2) that returns a number."""
     gradient, step = np.zeros_like(values), 1e-6
@@ -106,19 +127,22 @@ def test_gradients_against_finite_differences(seed: int) -> None:
     """Both pull-backs are the exact derivatives of a random function of all their outputs."""
     values = commands(seed, batch=2)
     rng = np.random.default_rng(seed)
-    a, b, c = rng.normal(size=(3, *values.shape[:2]))
+    a, b, c = rng.normal(size=(3, 2, 12))
 
-    def of_ego(moved: Array) -> float:
-        rolled = ego(moved)
-        return float((a * rolled.x + b * rolled.y + c * rolled.heading).sum())
+    def of_ego(moved: Array, tail: BrakingTail | None = None) -> float:
+        rolled = EgoRollout.of(moved, WHEELBASE, DT, tail)
+        n = rolled.x.shape[1]
+        return float((a[:, :n] * rolled.x + b[:, :n] * rolled.y + c[:, :n] * rolled.heading).sum())
 
     def of_road(moved: Array) -> float:
         rolled = road(moved)
-        return float((a * rolled.offset + c * rolled.heading).sum())
+        return float((a[:, :8] * rolled.offset + c[:, :8] * rolled.heading).sum())
 
-    np.testing.assert_allclose(
-        ego(values).pull_back(a, b, c), finite_differences(of_ego, values), atol=1e-6
-    )
-    np.testing.assert_allclose(
-        road(values).pull_back(a, c), finite_differences(of_road, values), atol=1e-6
-    )
+    tail = BrakingTail(deceleration=4.0)
+    with_tail = EgoRollout.of(values, WHEELBASE, DT, tail)
+    for got, function in (
+        (ego(values).pull_back(a[:, :8], b[:, :8], c[:, :8]), of_ego),
+        (with_tail.pull_back(a, b, c), lambda moved: of_ego(moved, tail)),
+        (road(values).pull_back(a[:, :8], c[:, :8]), of_road),
+    ):
+        np.testing.assert_allclose(got, finite_differences(function, values), atol=2e-6)

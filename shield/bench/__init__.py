@@ -1,0 +1,1 @@
+"""Measurements of the shield: `python -m shield.bench [projection|estimation|all]`."""

@@ -1,0 +1,209 @@
+"""How fast projections are, next to bare solvers on the same problems in the same run."""
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import casadi
+import numpy as np
+import osqp
+import qpsolvers
+from numpy.typing import NDArray
+from scipy import sparse
+
+from shield.bench.problems import bending_problems, random_problems
+from shield.bench.timing import Timing, take_turns
+from shield.constraints import BoxLimit, RateLimit, Rows, stack_rows
+from shield.limits import ActuatorLimits
+from shield.projection import HorizonProjector
+from shield.solvers import OsqpSolver
+
+__all__ = ["batch_against_loop", "growth", "single_against_bare"]
+
+Array = NDArray[np.float64]
+
+# What a bare solver needs so that its objective is within 1e-6 of the best, as the projection's is.
+_TOLERANCE = 1e-8
+
+
+def single_against_bare(
+    limits: ActuatorLimits, horizon: int, count: int, rng: np.random.Generator
+) -> dict[str, float]:
+    """Time `project` against bare OSQP and CasADi's OSQP on the same quadratic programs.
+
+    The programs are those of G1 and G2, with OSQP's settings the projector's own. A second set, in
+    which the lateral bound binds, is timed by itself.
+
+    Returns:
+        Milliseconds (p50, p99, max) and the ratios of the medians.
+    """
+    linear = replace(limits, max_lateral_acceleration=None)
+    projector = HorizonProjector(linear, horizon)
+    nominals, previous = random_problems(linear, horizon, count, rng)
+    rows = [
+        stack_rows([BoxLimit(linear), RateLimit(linear)], one, last)
+        for one, last in zip(nominals, previous, strict=True)
+    ]
+    alternatives = [
+        lambda index: projector.project(nominals[index], previous[index]),
+        _bare_osqp(projector, nominals, rows),
+        _casadi_osqp(projector, nominals, rows),
+    ]
+    if "daqp" in qpsolvers.available_solvers:
+        alternatives.append(_bare_daqp(nominals, rows))
+    timings = take_turns(alternatives, count, rounds=2)
+    names = ["project", "bare_osqp", "casadi_conic_osqp", "bare_daqp"]
+    result: dict[str, float] = {}
+    for name, timing in zip(names, timings, strict=False):
+        result |= _milliseconds(name, timing)
+    ours, bare, conic = timings[:3]
+    result["ratio_to_bare_osqp"] = ours.quantile(0.5) / bare.quantile(0.5)
+    result["ratio_to_casadi_conic"] = ours.quantile(0.5) / conic.quantile(0.5)
+    bent = HorizonProjector(limits, horizon)
+    bends, before = bending_problems(limits, horizon, count, rng)
+    (lateral,) = take_turns([lambda index: bent.project(bends[index], before[index])], count, 2)
+    return result | _milliseconds("project_lateral", lateral)
+
+
+def batch_against_loop(
+    limits: ActuatorLimits, horizon: int, count: int, rng: np.random.Generator
+) -> dict[str, float]:
+    """Time `project_batch` against a loop of `project` over the same horizons.
+
+    Returns:
+        Milliseconds per horizon and ratios, for G1 and G2 alone, for the full limits on random
+        problems, and on problems in which the lateral bound binds.
+    """
+    result: dict[str, float] = {}
+    linear = replace(limits, max_lateral_acceleration=None)
+    cases = {
+        "linear": (linear, random_problems),
+        "lateral": (limits, random_problems),
+        "bending": (limits, bending_problems),
+    }
+    for name, (bounds, draw) in cases.items():
+        projector = HorizonProjector(bounds, horizon)
+        nominals, previous = draw(bounds, horizon, count, rng)
+        loop, batch = take_turns(
+            [
+                lambda _, p=projector, n=nominals, v=previous: [  # type: ignore[misc]
+                    p.project(one, last) for one, last in zip(n, v, strict=True)
+                ],
+                lambda _, p=projector, n=nominals, v=previous: p.project_batch(n, v),  # type: ignore[misc]
+            ],
+            1,
+            rounds=7,
+        )
+        result[f"loop_{name}_ms_per_horizon"] = 1e3 * loop.quantile(0.5) / count
+        result[f"batch_{name}_ms_per_horizon"] = 1e3 * batch.quantile(0.5) / count
+        result[f"batch_{name}_speedup"] = loop.quantile(0.5) / batch.quantile(0.5)
+    return result
+
+
+def growth(
+    limits: ActuatorLimits, horizons: list[int], batches: list[int], rng: np.random.Generator
+) -> dict[str, dict[str, float]]:
+    """Time one horizon against its length, and a batch against its size.
+
+    Returns:
+        Milliseconds per call: ``single`` by H, ``batch`` by B at H = 8.
+    """
+    single, batch = {}, {}
+    for horizon in horizons:
+        projector = HorizonProjector(limits, horizon)
+        nominals, previous = random_problems(limits, horizon, 100, rng)
+        (timing,) = take_turns(
+            [lambda i, p=projector, n=nominals, v=previous: p.project(n[i], v[i])],  # type: ignore[misc]
+            100,
+            rounds=2,
+        )
+        single[str(horizon)] = 1e3 * timing.quantile(0.5)
+    projector = HorizonProjector(limits, 8)
+    for size in batches:
+        nominals, previous = random_problems(limits, 8, size, rng)
+        (timing,) = take_turns(
+            [lambda _, n=nominals, v=previous: projector.project_batch(n, v)],  # type: ignore[misc]
+            1,
+            rounds=5,
+        )
+        batch[str(size)] = 1e3 * timing.quantile(0.5)
+    return {"single": single, "batch": batch}
+
+
+def _milliseconds(name: str, timing: Timing) -> dict[str, float]:
+    return {
+        f"{name}_p50_ms": 1e3 * timing.quantile(0.5),
+        f"{name}_p99_ms": 1e3 * timing.quantile(0.99),
+        f"{name}_max_ms": 1e3 * timing.quantile(1.0),
+        f"{name}_cpu_p99_ms": 1e3 * timing.cpu_quantile(0.99),
+    }
+
+
+def _bare_osqp(
+    projector: HorizonProjector, nominals: Array, rows: list[Rows]
+) -> Callable[[int], object]:
+    """Return OSQP's own update and solve, with a warm start, for each problem."""
+    solver = OsqpSolver(
+        np.ones(rows[0].matrix.shape[1]),
+        sparse.csc_matrix(rows[0].matrix),
+        _TOLERANCE,
+        0.5 * projector.deadline,
+    )
+    workspace = osqp.OSQP()
+    workspace.setup(
+        sparse.identity(rows[0].matrix.shape[1], format="csc"),
+        -nominals[0].ravel(),
+        sparse.csc_matrix(rows[0].matrix),
+        rows[0].lower,
+        rows[0].upper,
+        **solver.settings,
+    )
+    vectors = [-one.ravel() for one in nominals]
+
+    def run(index: int) -> object:
+        workspace.update(q=vectors[index], l=rows[index].lower, u=rows[index].upper)
+        return workspace.solve(raise_error=False)
+
+    return run
+
+
+def _casadi_osqp(
+    projector: HorizonProjector, nominals: Array, rows: list[Rows]
+) -> Callable[[int], object]:
+    """Return CasADi's `conic("osqp")` at the same tolerance for each problem."""
+    hessian = casadi.DM.eye(rows[0].matrix.shape[1])
+    matrix = casadi.sparsify(casadi.DM(rows[0].matrix))
+    options = {
+        "eps_abs": _TOLERANCE,
+        "eps_rel": _TOLERANCE,
+        "verbose": False,
+    }
+    solver = casadi.conic(
+        "solver",
+        "osqp",
+        {"h": hessian.sparsity(), "a": matrix.sparsity()},
+        {"osqp": options, "error_on_fail": False},
+    )
+
+    def run(index: int) -> object:
+        one = rows[index]
+        return solver(h=hessian, g=-nominals[index].ravel(), a=matrix, lba=one.lower, uba=one.upper)
+
+    return run
+
+
+def _bare_daqp(nominals: Array, rows: list[Rows]) -> Callable[[int], object]:
+    """Return DAQP through qpsolvers, from a cold start, for each problem."""
+    size = rows[0].matrix.shape[1]
+    inequality = np.vstack([rows[0].matrix[size:], -rows[0].matrix[size:]])
+    problems = [
+        qpsolvers.Problem(
+            np.eye(size),
+            -one.ravel(),
+            inequality,
+            np.concatenate([row.upper[size:], -row.lower[size:]]),
+            lb=row.lower[:size],
+            ub=row.upper[:size],
+        )
+        for one, row in zip(nominals, rows, strict=True)
+    ]
+    return lambda index: qpsolvers.solve_problem(problems[index], solver="daqp")

@@ -1,0 +1,12 @@
+"""Every tolerance of these tests; bounds have none."""
+
+# Relative distance to the best objective, and what is added for objectives near zero.
+OBJECTIVE, OBJECTIVE_FLOOR = 1e-6, 1e-9
+# Two exact algorithms in float64.
+ROUNDING = 1e-9
+# A batch against a loop where the lateral bound binds: objectives, relative.
+BATCH_OBJECTIVE = 1e-6
+# CasADi against numpy, relative.
+MODEL = 1e-12
+# Finite differences, relative.
+GRADIENT = 1e-5
