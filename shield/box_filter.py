@@ -67,8 +67,10 @@ class BoxFilter:
         self._step = rates * dt
         if not (self._step > 0.0).all():
             raise InvalidLimits(f"`rate` must be positive. Got {rate!r}.")
-        # The box of the representable actions.
-        self._low, self._high = self._round_up(self._low), self._round_down(self._high)
+        # The box of the representable, finite actions.
+        largest = float(np.finfo(self._dtype).max)
+        self._low = np.maximum(self._round_up(self._low), -largest)
+        self._high = np.minimum(self._round_down(self._high), largest)
         if not (self._low <= self._high).all():
             raise InvalidLimits(f"no {self._dtype} lies between {low!r} and {high!r}.")
         start = np.zeros(self._low.shape) if rest is None else np.asarray(rest, dtype=np.float64)
@@ -113,7 +115,7 @@ class BoxFilter:
         value = cast.astype(np.float64)
         status, reason = Status.NOMINAL, ""
         if not self._admits(value):
-            finite = bool(np.isfinite(value).all())
+            finite = bool(np.isfinite(wanted).all())
             status = Status.PROJECTED if finite else Status.FALLBACK
             reason = "" if finite else f"action {wanted.tolist()} is not finite: moving to rest"
             value = self._into_window(value if finite else self._rest)

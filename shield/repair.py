@@ -230,7 +230,7 @@ def _candidates(
     """
     points = []
     for delta, v in (near, target, (target[0], corner[1])):
-        slowed = math.copysign(_boundary_speed(bounds, delta), target[1])
+        slowed = math.copysign(boundary_speed(bounds, delta), target[1])
         eased = math.copysign(_boundary_steering(bounds, v), target[0])
         points.append((delta, _between(slowed, corner[1], v)))
         points.append((_between(eased, corner[0], delta), v))
@@ -247,8 +247,8 @@ def _is_between(value: float, end: float, other_end: float) -> bool:
     return end <= value <= other_end or other_end <= value <= end
 
 
-def _boundary_speed(bounds: Bounds, delta: float) -> float:
-    """Return the largest |v| at this steering, rounded inwards; infinite at δ = 0."""
+def boundary_speed(bounds: Bounds, delta: float) -> float:
+    """Return the largest |v| [m/s] at a steering [rad], rounded inwards; infinite at 0."""
     tangent = abs(math.tan(delta))
     if tangent == 0.0 or bounds.lateral is None:
         return math.inf

@@ -7,26 +7,35 @@ neighbouring actions on the grid of the space; the nearest one that passes the e
 taken, and the last executed action, which is on the grid and admissible, if none does.
 """
 
+from collections.abc import Iterable
 from dataclasses import replace
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from shield.arguments import as_array
-from shield.certificate import Certificate
+from shield.certificate import Certificate, Status
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits import ActuatorLimits
-from shield.repair import Bounds, worst_excess
+from shield.repair import Bounds, boundary_speed
+from shield.rounding import differences_exceed, lateral_exceeds
 from shield.safety_filter import SafetyFilter
 
 __all__ = ["VehicleFilter"]
 
 Array = NDArray[np.float64]
 
-# Grid steps to either side of the rounded action that are tried.
-_REACH = 2
+# Grid steps from the rounded action that are tried: a command may be much coarser than its action.
+_REACH = np.array([0, -1, 1, -2, 2, -4, 4, -8, 8, -16, 16, -32, 32])
+
+
+class _Candidate(NamedTuple):
+    """A value of one channel, as the space holds it and as the vehicle executes it."""
+
+    action: Any
+    command: float
 
 
 class VehicleFilter:
@@ -101,7 +110,11 @@ class VehicleFilter:
         before = self._filter.previous
         certificate = self._filter.filter(self._to_command(given))
         if certificate.intervened:
-            given = self._realise(certificate, before)
+            realised = self._realise(certificate, before)
+            if realised is None:
+                reason = "no action near the projected one is admissible: the last one is held"
+                certificate = replace(certificate, status=Status.REPAIRED, reason=reason)
+            given = self._action if realised is None else realised
             self._filter.record(self._to_command(given))
         self._action = given
         correction = given.astype(np.float64) - wanted
@@ -109,32 +122,71 @@ class VehicleFilter:
             array.flags.writeable = False
         return replace(certificate, nominal_action=wanted, safe_action=given, correction=correction)
 
-    def _realise(self, certificate: Certificate, before: Array) -> NDArray[Any]:
-        """Return the action on the grid nearest to a safe command that is safe itself."""
+    def _realise(self, certificate: Certificate, before: Array) -> NDArray[Any] | None:
+        """Return the action on the grid nearest to a safe command that is safe itself, if any."""
         safe = certificate.safe_action
-        steering, speed = before.tolist()
-        around = self._round(self._to_action(safe))
-        best, least = self._action, np.inf
-        for candidate in self._neighbours(around):
-            command = self._to_command(candidate)
-            excess = worst_excess(self._bounds, command.tolist(), steering, speed)
-            distance = float(np.abs(command - safe).max()) + excess
-            if excess <= certificate.max_violation and distance < least:
-                best, least = candidate, distance
-        return best
+        steering, speed = (self._candidates(safe, before, channel) for channel in range(2))
+        best = self._nearest(product(steering, speed), safe, certificate.max_violation > 0.0)
+        if best is not None or not steering:
+            return best
+        # Where the lateral bound is steep, one grid step in steering is worth many in speed.
+        pairs = []
+        for angle in steering:
+            fastest = boundary_speed(self._bounds, angle.command)
+            slower = np.array([angle.command, np.clip(safe[1], -fastest, fastest)])
+            pairs += [(angle, value) for value in self._candidates(slower, before, 1)]
+        return self._nearest(pairs, safe, certificate.max_violation > 0.0)
 
-    def _neighbours(self, around: NDArray[Any]) -> list[NDArray[Any]]:
-        """Return the actions of the space within a few grid steps."""
-        columns = []
-        for value, low, high in zip(around, self._low, self._high, strict=True):
-            values = [value]
-            for direction in (-np.inf, np.inf):
-                neighbour = value
-                for _ in range(_REACH):
-                    neighbour = np.nextafter(neighbour, np.asarray(direction, dtype=self._dtype))
-                    values.append(neighbour)
-            columns.append([item for item in values if low <= item <= high])
-        return [np.array(pair, dtype=self._dtype) for pair in product(*columns)]
+    def _candidates(self, command: Array, before: Array, channel: int) -> list["_Candidate"]:
+        """Return values of the space near a command that keep box and rate of one channel.
+
+        Where the last command was such that none does, those that keep the box.
+        """
+        limits = self.limits
+        action = self._round(self._to_action(command))
+        # Near zero an action is much finer than its command, so steps of both sizes are tried.
+        sizes = np.spacing(np.array([action[channel], 1.0], dtype=self._dtype))
+        grid = (action[channel] + np.outer(sizes, _REACH.astype(self._dtype))).ravel()
+        grid = grid[(self._low[channel] <= grid) & (grid <= self._high[channel])]
+        actions = np.repeat(action[None], len(grid), axis=0)
+        actions[:, channel] = grid
+        values = self._to_command(actions)[:, channel]
+        last = np.full(len(values), before[channel])
+        boxed = (limits.low[channel] <= values) & (values <= limits.high[channel])
+        steady = ~differences_exceed(values, last, np.asarray(limits.rise[channel]))
+        steady &= ~differences_exceed(last, values, np.asarray(limits.fall[channel]))
+        good = boxed & steady if (boxed & steady).any() else boxed
+        return [
+            _Candidate(value, float(exact))
+            for value, exact in zip(grid[good], values[good], strict=True)
+        ]
+
+    def _nearest(
+        self, pairs: Iterable[tuple["_Candidate", "_Candidate"]], safe: Array, lenient: bool
+    ) -> NDArray[Any] | None:
+        """Return the pair nearest to a safe command that keeps the lateral bound, if any.
+
+        Args:
+            pairs: Candidates for steering and speed.
+            safe: The safe command.
+            lenient: Take the nearest pair, because the safe command breaks a bound itself.
+        """
+        bound, wheelbase = self.limits.max_lateral_acceleration, self.limits.wheelbase
+        turn, change = self.limits.rise
+        ranked = sorted(
+            pairs,
+            key=lambda pair: (
+                abs(pair[0].command - safe[0]) / turn + abs(pair[1].command - safe[1]) / change
+            ),
+        )
+        for steering, speed in ranked:
+            if (
+                lenient
+                or bound is None
+                or not lateral_exceeds(steering.command, speed.command, bound, wheelbase)
+            ):
+                return np.array([steering.action, speed.action], dtype=self._dtype)
+        return None
 
     def _round(self, action: Array) -> NDArray[Any]:
         with np.errstate(over="ignore"):

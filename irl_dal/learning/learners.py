@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
 from torch import Tensor
 
 from expert.replay import ReplayBatch, ReplayBuffer
@@ -14,7 +13,8 @@ from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
-from irl_dal.learning.policy import driving_policy, observation_tensors
+from irl_dal.learning.policy import observation_tensors
+from irl_dal.learning.ppo import DrivingPPO, driving_policy
 
 __all__ = ["Learners"]
 
@@ -38,7 +38,7 @@ class Learners:
     def __init__(
         self,
         config: LearningConfig,
-        ppo: PPO,
+        ppo: DrivingPPO,
         replay: ReplayBuffer,
         cloning: BehaviourCloning,
         diffusion: DiffusionTraining | None,

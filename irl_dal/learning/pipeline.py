@@ -38,7 +38,8 @@ from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import HybridReward, HybridRolloutBuffer, StepOutcome
 from irl_dal.learning.learners import Learners
 from irl_dal.learning.mixed_phase import MixedPhase
-from irl_dal.learning.policy import DrivingPolicy, appraise, build_ppo, driving_policy
+from irl_dal.learning.policy import DrivingPolicy, appraise
+from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.recorder import Recorder
 from irl_dal.learning.run_log import RunLog
@@ -47,7 +48,16 @@ from irl_dal.perception import PerceptionConfig
 
 __all__ = ["Pipeline"]
 
-STREAMS = ("episodes", "policy", "replay", "rollout", "discriminator", "diffusion", "critic", "disturbance")
+STREAMS = (
+    "episodes",
+    "policy",
+    "replay",
+    "rollout",
+    "discriminator",
+    "diffusion",
+    "critic",
+    "disturbance",
+)
 """Independent random streams that the seed is split into."""
 
 NEVER = 2**31
@@ -159,11 +169,17 @@ class Pipeline:
         ours = self._provenance.get("config_hash", theirs)
         if ours != theirs:
             raise CheckpointError(f"{checkpoint.folder}: of config {theirs}, this run has {ours}")
-        saved = checkpoint.state["replay"]
-        self.replay.restore(self._store.shards(checkpoint), saved["live"], saved["counter"])
-        self._exported = saved["counter"]
+        try:
+            saved = checkpoint.state["replay"]
+            self.replay.restore(self._store.shards(checkpoint), saved["live"], saved["counter"])
+            self._load(checkpoint.state)
+        except CheckpointError:
+            raise
+        except (KeyError, RuntimeError, TypeError, ValueError) as error:
+            what = str(error).splitlines()[0]
+            raise CheckpointError(f"{checkpoint.folder}: does not fit this run ({what})") from None
+        self._exported = self.replay.counter
         self.step = checkpoint.step
-        self._load(checkpoint.state)
 
     def mixed_step(self, observation: dict[str, torch.Tensor]) -> None:
         """After each step of phase 2, before PPO stores it.
@@ -190,7 +206,6 @@ class Pipeline:
             config.ppo,
             perception,
             rng=rng["policy"],
-            buffer=HybridRolloutBuffer,
             buffer_arguments=self._buffer_arguments(),
             device=device,
         )
@@ -330,7 +345,11 @@ class Pipeline:
         assert generator is not None
         return {
             "policy": self.policy.state_dict(),
-            "ppo": {"optimizer": self.policy.optimizer.state_dict(), "updates": ppo._n_updates},
+            "ppo": {
+                "optimizer": self.policy.optimizer.state_dict(),
+                "updates": ppo._n_updates,
+                "actor_rate": ppo.actor_rate.value,
+            },
             "exploration": generator.get_state(),
             "cloning": learners.cloning.state_dict(),
             "discriminator": learners.discriminator.state_dict(),
@@ -351,6 +370,7 @@ class Pipeline:
         self.policy.load_state_dict(state["policy"])
         self.policy.optimizer.load_state_dict(state["ppo"]["optimizer"])
         ppo._n_updates = state["ppo"]["updates"]
+        ppo.actor_rate.value = state["ppo"]["actor_rate"]
         generator.set_state(state["exploration"])
         learners.cloning.load_state_dict(state["cloning"])
         learners.discriminator.load_state_dict(state["discriminator"])

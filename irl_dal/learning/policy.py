@@ -1,8 +1,7 @@
-"""The policy pi_theta and its PPO: stable-baselines3's, with our perception and generator."""
+"""The policy pi_theta: stable-baselines3's actor and critic on our perception."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +9,6 @@ import gymnasium
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from stable_baselines3 import PPO
 from stable_baselines3.common.policies import MultiInputActorCriticPolicy
 from stable_baselines3.common.type_aliases import PyTorchObs
 from stable_baselines3.common.vec_env import VecTransposeImage
@@ -25,9 +23,9 @@ __all__ = [
     "actor_parameters",
     "appraise",
     "build_policy",
-    "build_ppo",
     "mean_action",
     "observation_tensors",
+    "policy_arguments",
 ]
 
 
@@ -49,11 +47,14 @@ class PPOConfig:
         initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
             normalised units, steering and speed. Not in the paper: small, so that exploring does
             not undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
-        target_kl: Divergence from the policy that an update begins with at which the update stops
-            (not in the paper); None for never. With little noise a small step of the mean is a
-            large divergence: without a limit one update undoes what was cloned.
-        renew: Take divergence and probability ratio from the policy as it is when the update
-            begins; False from the one that acted, which behaviour cloning has moved on since.
+        target_kl: Divergence of an update that the actor's learning rate is steered to (not in
+            the paper, see `ppo`); None keeps the rate at `learning_rate`.
+        initial_actor_rate: Where that rate begins (not in the paper).
+        perception_gradient: Let PPO's gradients into the shared features (the paper does not say);
+            otherwise only behaviour cloning trains them.
+        renew: Take values and probability ratios from the policy as it is when the update begins
+            (not in the paper); False from the one that acted, which behaviour cloning has moved
+            on since.
         hidden: Units in the two hidden layers of each head (stable-baselines3's default; the paper
             says "lightweight MLP head").
     """
@@ -70,6 +71,8 @@ class PPOConfig:
     max_grad_norm: float = 0.5
     initial_log_std: tuple[float, float] = (-3.0, -2.5)
     target_kl: float | None = 0.02
+    initial_actor_rate: float = 1e-4
+    perception_gradient: bool = False
     renew: bool = True
     hidden: int = 64
 
@@ -77,7 +80,7 @@ class PPOConfig:
         for name in ("n_steps", "batch_size", "n_epochs", "hidden"):
             if getattr(self, name) < 1:
                 raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("learning_rate", "clip_range", "max_grad_norm"):
+        for name in ("learning_rate", "clip_range", "max_grad_norm", "initial_actor_rate"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
         if self.target_kl is not None and not self.target_kl > 0.0:
@@ -93,9 +96,11 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
 
     Attributes:
         generator: Source of the exploration noise; torch's global one while None.
+        perception_gradient: Whether what PPO evaluates sends gradients into the features.
     """
 
     generator: torch.Generator | None = None
+    perception_gradient: bool = True
 
     def forward(
         self, obs: PyTorchObs, deterministic: bool = False
@@ -113,6 +118,21 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
             actions = actions + self.log_std.exp() * noise
         return actions, self.value_net(latent_vf), distribution.log_prob(actions)
 
+    def evaluate_actions(
+        self, obs: PyTorchObs, actions: Tensor
+    ) -> tuple[Tensor, Tensor, Tensor | None]:
+        """What PPO's losses are made of.
+
+        Returns:
+            Values (B, 1), log-probabilities (B,) and entropies (B,).
+        """
+        with torch.set_grad_enabled(torch.is_grad_enabled() and self.perception_gradient):
+            features = self.extract_features(obs)
+        latent_pi, latent_vf = self.mlp_extractor(features)
+        distribution = self._get_action_dist_from_latent(latent_pi)
+        log_prob = distribution.log_prob(actions)
+        return self.value_net(latent_vf), log_prob, distribution.entropy()
+
 
 def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[str, Any]:
     """Keyword arguments of `DrivingPolicy`."""
@@ -121,51 +141,6 @@ def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[st
         "features_extractor_kwargs": {"config": perception},
         "net_arch": {"pi": [config.hidden] * 2, "vf": [config.hidden] * 2},
     }
-
-
-def build_ppo(
-    env: gymnasium.Env[Any, Any],
-    config: PPOConfig,
-    perception: PerceptionConfig,
-    *,
-    rng: np.random.Generator,
-    buffer: type[Any],
-    buffer_arguments: Mapping[str, Any],
-    device: str = "cpu",
-) -> PPO:
-    """stable-baselines3's PPO around our policy and rollout buffer, initialised from `rng`."""
-    # The networks draw their first weights from torch's global generator: lend it a seed of ours.
-    with torch.random.fork_rng():
-        torch.manual_seed(int(rng.integers(2**63)))
-        ppo = PPO(
-            DrivingPolicy,
-            env,
-            learning_rate=config.learning_rate,
-            n_steps=config.n_steps,
-            batch_size=config.batch_size,
-            n_epochs=config.n_epochs,
-            gamma=config.gamma,
-            gae_lambda=config.gae_lambda,
-            clip_range=config.clip_range,
-            ent_coef=config.ent_coef,
-            vf_coef=config.vf_coef,
-            max_grad_norm=config.max_grad_norm,
-            target_kl=config.target_kl,
-            rollout_buffer_class=buffer,
-            rollout_buffer_kwargs=dict(buffer_arguments),
-            policy_kwargs=policy_arguments(config, perception),
-            device=device,
-        )
-    policy = driving_policy(ppo)
-    policy.generator = torch.Generator(policy.device).manual_seed(int(rng.integers(2**63)))
-    _explore_little(policy, config)
-    return ppo
-
-
-def driving_policy(ppo: PPO) -> DrivingPolicy:
-    """The policy of a PPO that `build_ppo` made."""
-    assert isinstance(ppo.policy, DrivingPolicy)
-    return ppo.policy
 
 
 def appraise(
@@ -232,8 +207,3 @@ def actor_parameters(policy: MultiInputActorCriticPolicy) -> list[nn.Parameter]:
     """Every parameter between an observation and the mean action, the mask's alphas included."""
     actor = (policy.features_extractor, policy.mlp_extractor.policy_net, policy.action_net)
     return [parameter for module in actor for parameter in module.parameters()]
-
-
-def _explore_little(policy: DrivingPolicy, config: PPOConfig) -> None:
-    with torch.no_grad():
-        policy.log_std.copy_(torch.tensor(config.initial_log_std))

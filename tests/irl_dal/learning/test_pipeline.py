@@ -252,6 +252,31 @@ def test_variants_without_planner_or_discriminator_run(tmp_path: Path) -> None:
     assert CheckpointStore(tmp_path).load().state["diffusion"] is None
 
 
+def test_ppo_as_printed_runs(tmp_path: Path) -> None:
+    """One rate for everything, gradients everywhere, unit noise: nothing becomes NaN."""
+    ppo = replace(
+        SHORT.ppo,
+        target_kl=None,
+        perception_gradient=True,
+        renew=False,
+        initial_log_std=(0.0, 0.0),
+    )
+    config = replace(SHORT, imitation_steps=40, mixed_steps=32, ppo=ppo)
+    pipeline = new_pipeline(tmp_path, config)
+    pipeline.run()
+    assert all(torch.isfinite(value).all() for value in pipeline.policy.state_dict().values())
+
+
+def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path) -> None:
+    """One line that names the folder, not a KeyError."""
+    pipeline = new_pipeline(tmp_path)
+    state = pipeline._state(final=False)
+    del state["rng"]["critic"]
+    CheckpointStore(tmp_path).save(state, step=0)
+    with pytest.raises(CheckpointError, match=f"{tmp_path}.*does not fit this run.*critic"):
+        pipeline.restore()
+
+
 @pytest.mark.parametrize(
     ("key", "value"),
     [

@@ -7,10 +7,18 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
-from irl_dal.planner import DenoiserConfig, DiffusionPlanner, PlannerConfig, TotalEnergy
+from irl_dal.planner import (
+    DenoiserConfig,
+    DiffusionPlanner,
+    PlannerConfig,
+    PlanningContext,
+    TotalEnergy,
+)
 from irl_dal.planner.projection import PROJECTION_MODES
-from shield import Status
+from shield import ClearanceEstimate, LaneEstimate, Status
 from tests.irl_dal.planner.scenes import (
     HORIZON,
     LIMITS,
@@ -125,6 +133,42 @@ def test_absurd_numbers_never_raise(value: float) -> None:
     ):
         scene = replace(context(), **changes)  # type: ignore[arg-type]
         plan = made.plan(scene)
+        assert not breaks_a_bound(plan.actions, scene.previous)
+
+
+NUMBERS = st.one_of(st.floats(), st.floats(-50.0, 50.0))
+"""Any float64, half of the time one that could be meant."""
+
+HASTY = planner(denoiser=DenoiserConfig(width=4), sampling_steps=2)
+
+
+@settings(max_examples=200, deadline=None)
+@given(
+    scan=st.lists(NUMBERS, min_size=3, max_size=3),
+    tracked=st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.booleans()),
+    pose=st.tuples(NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, NUMBERS, st.booleans()),
+    speed=NUMBERS,
+    previous=st.tuples(NUMBERS, NUMBERS),
+)
+def test_no_value_makes_planning_raise(
+    scan: list[float],
+    tracked: tuple[float, float, float, float, bool],
+    pose: tuple[float, float, float, float, float, float, bool],
+    speed: float,
+    previous: tuple[float, float],
+) -> None:
+    """Whatever the numbers, a plan in the box comes back; from an admissible command all holds."""
+    scene = PlanningContext(
+        scan=np.tile(scan, 60),
+        clearance=ClearanceEstimate(*tracked),
+        lane=LaneEstimate(*pose),
+        speed=speed,
+        previous=np.array(previous),
+    )
+    plan = HASTY.plan(scene)
+    assert plan.actions.shape == (HORIZON, 2)
+    assert bool(np.all((plan.actions >= LIMITS.low) & (plan.actions <= LIMITS.high)))
+    if LIMITS.admits(previous):
         assert not breaks_a_bound(plan.actions, scene.previous)
 
 

@@ -1,0 +1,75 @@
+"""What importing and running the package promises."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import shield
+from shield.bench.__main__ import main
+from shield.bench.report import plot_growth
+
+ROOT = Path(__file__).parents[2]
+HEAVY = ("torch", "pybullet", "stable_baselines3", "gymnasium", "matplotlib", "irl_dal", "expert")
+
+
+def run(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Run Python in the repository."""
+    return subprocess.run(
+        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+    )
+
+
+def test_importing_shield_imports_nothing_heavy() -> None:
+    """In a fresh process, neither learning library nor simulator nor gymnasium is loaded."""
+    code = f"import shield, sys; print([m for m in {HEAVY!r} if m in sys.modules])"
+    assert run("-c", code).stdout.strip() == "[]"
+
+
+def test_without_gymnasium_the_error_is_the_pip_line() -> None:
+    """`shield.gym` says how to get what it lacks."""
+    code = (
+        "import sys; sys.modules['gymnasium'] = None\n"
+        "try:\n    import shield.gym\n"
+        "except ImportError as error:\n    print(type(error).__name__, error)"
+    )
+    assert run("-c", code).stdout.strip() == (
+        "MissingDependency shield.gym needs gymnasium: pip install gymnasium"
+    )
+
+
+def test_the_public_names_are_sorted_and_there() -> None:
+    """`__all__` is the interface."""
+    assert shield.__all__ == sorted(shield.__all__)
+    assert all(hasattr(shield, name) for name in shield.__all__)
+    assert (ROOT / "shield" / "py.typed").exists()
+
+
+@pytest.mark.parametrize("name", ["shielded_planner", "shielded_pendulum"])
+def test_the_examples_run(name: str) -> None:
+    """Each in a process of its own, within a page of code."""
+    path = ROOT / "examples" / f"{name}.py"
+    assert 40 <= len(path.read_text(encoding="utf-8").splitlines()) <= 100
+    assert run(str(path)).stdout
+
+
+def test_the_bench_prints_and_writes_its_numbers(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The quick form of everything, as text and as JSON."""
+    numbers = main(["all", "--quick", "--out", str(tmp_path)])
+    printed = capsys.readouterr().out
+    written = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
+    for name in ("ratio_to_bare_osqp", "ratio_to_casadi_conic", "false_alarms_tracked_over_raw"):
+        assert name in printed
+        assert written[name] == numbers[name]
+    assert written["python"]
+
+
+def test_the_growth_is_plotted(tmp_path: Path) -> None:
+    """A picture of two curves."""
+    pytest.importorskip("matplotlib")
+    plot_growth(tmp_path / "growth.png", {"single": {"4": 1.0, "8": 2.0}, "batch": {"1": 1.0}})
+    assert (tmp_path / "growth.png").read_bytes().startswith(b"\x89PNG")

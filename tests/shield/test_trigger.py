@@ -1,0 +1,96 @@
+"""Not knowing is a risk, and a verdict does not flicker."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import strategies as st
+
+from shield import ClearanceEstimate, InvalidLimits, LaneEstimate, RiskTrigger, TriggerConfig
+from tests.shield.strategies import NASTY
+from tests.shield.tiers import two_tiers
+
+CLEAR = ClearanceEstimate(20.0, 0.0, 0.05, 0.0, True)
+CENTRED = LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.05, 0.0, True)
+QUICK = TriggerConfig(hold_time=0.0)
+
+
+def verdict(clearance: ClearanceEstimate = CLEAR, lane: LaneEstimate = CENTRED) -> Any:
+    """Return the first verdict of a fresh trigger."""
+    return RiskTrigger(QUICK, 0.1).update(clearance, lane)
+
+
+def test_each_reason_raises_risk_by_itself() -> None:
+    """And with none of them there is no risk."""
+    assert not verdict().risky
+    assert verdict().reasons == ()
+    assert verdict(replace(CLEAR, clearance=2.9)).reasons == ("clearance",)
+    assert verdict(lane=replace(CENTRED, lateral_offset=-1.3)).reasons == ("lane_deviation",)
+    assert verdict(replace(CLEAR, age=0.6)).reasons == ("lidar_lost",)
+    assert verdict(replace(CLEAR, valid=False)).reasons == ("lidar_lost",)
+    assert verdict(lane=replace(CENTRED, age=0.6)).reasons == ("lane_lost",)
+    assert verdict(lane=replace(CENTRED, valid=False)).reasons == ("lane_lost",)
+
+
+def test_uncertainty_counts_against_safety() -> None:
+    """An estimate is inflated by its standard deviation to the risky side."""
+    assert not verdict(replace(CLEAR, clearance=3.2, std=0.1)).risky
+    assert verdict(replace(CLEAR, clearance=3.2, std=0.3)).risky
+    assert not verdict(lane=replace(CENTRED, lateral_offset=1.1, offset_std=0.05)).risky
+    assert verdict(lane=replace(CENTRED, lateral_offset=1.1, offset_std=0.2)).risky
+
+
+def test_the_passing_lane_is_not_a_deviation() -> None:
+    """The distance is that to the nearest admissible centre."""
+    risk = verdict(lane=replace(CENTRED, lateral_offset=3.4))
+    assert not risk.risky
+    assert risk.lane_deviation == pytest.approx(0.1)
+    assert verdict(lane=replace(CENTRED, lateral_offset=1.75)).risky
+
+
+def test_hysteresis_and_hold_time_end_the_verdict_late() -> None:
+    """Above the threshold is not enough, and not for a moment only."""
+    trigger = RiskTrigger(TriggerConfig(hold_time=0.3), 0.1)
+    assert trigger.update(replace(CLEAR, clearance=2.0), CENTRED).risky
+    assert trigger.update(replace(CLEAR, clearance=3.3), CENTRED).reasons == ("clearance",)
+    holding = [trigger.update(CLEAR, CENTRED) for _ in range(4)]
+    assert [risk.reasons for risk in holding] == [("hold",)] * 3 + [()]
+    assert [risk.risky for risk in holding] == [True, True, True, False]
+    assert not trigger.update(replace(CLEAR, clearance=3.3), CENTRED).risky
+    trigger.update(replace(CLEAR, clearance=2.0), CENTRED)
+    trigger.reset()
+    assert not trigger.update(CLEAR, CENTRED).risky
+
+
+@two_tiers(values=st.lists(NASTY, min_size=6, max_size=6), valid=st.booleans())
+def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bool) -> None:
+    """NaN in any deciding value raises risk; nothing raises an exception."""
+    clearance = ClearanceEstimate(values[0], 0.0, values[1], values[2], valid)
+    lane = LaneEstimate(values[3], 0.0, 0.0, 0.0, values[4], values[5], valid)
+    risk = verdict(clearance, lane)
+    if not valid or any(math.isnan(value) for value in values):
+        assert risk.risky
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("clearance", 0.0),
+        ("clearance", math.nan),
+        ("lane_deviation", -1.0),
+        ("max_age", math.inf),
+        ("sigma_factor", -1.0),
+        ("clearance_hysteresis", math.nan),
+        ("lane_hysteresis", 1.2),
+        ("hold_time", -0.1),
+        ("lane_centres", ()),
+        ("lane_centres", (0.0, math.nan)),
+    ],
+)
+def test_impossible_thresholds_raise(field: str, value: Any) -> None:
+    """Naming the field and the value."""
+    with pytest.raises(InvalidLimits, match=f"`{field}`.*Got"):
+        TriggerConfig(**{field: value})
+    with pytest.raises(InvalidLimits, match="`dt`"):
+        RiskTrigger(QUICK, 0.0)
