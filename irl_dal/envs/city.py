@@ -319,6 +319,11 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             return None
         return chase_view(self._world, self.scene(), self._light, self.caption)
 
+    @property
+    def brightness(self) -> float:
+        """Of the episode's light, 0 a dark evening, 1 noon."""
+        return self._light.brightness
+
     def close(self) -> None:
         """Leave the physics engine."""
         self._world.close()

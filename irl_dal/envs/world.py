@@ -79,6 +79,7 @@ class Illumination:
         ambient: Share of light that falls on every face.
         diffuse: Share of light that depends on the face's inclination.
         sky: RGB in [0, 1] of what no body covers.
+        brightness: Time of day that it stands for, 0 a dark evening, 1 noon.
     """
 
     direction: Sequence[float]
@@ -86,6 +87,7 @@ class Illumination:
     ambient: float
     diffuse: float
     sky: Colour
+    brightness: float = 1.0
 
 
 class World:
