@@ -125,22 +125,31 @@ class VehicleFilter:
     def _realise(self, certificate: Certificate, before: Array) -> NDArray[Any] | None:
         """Return the action on the grid nearest to a safe command that is safe itself, if any."""
         safe = certificate.safe_action
-        steering, speed = (self._candidates(safe, before, channel) for channel in range(2))
-        best = self._nearest(product(steering, speed), safe, certificate.max_violation > 0.0)
-        if best is not None or not steering:
+        lenient = certificate.max_violation > 0.0
+        steering = self._candidates(safe, before, 0, lenient)
+        speed = self._candidates(safe, before, 1, lenient)
+        best = self._nearest(product(steering, speed), safe, lenient)
+        if best is not None:
             return best
         # Where the lateral bound is steep, one grid step in steering is worth many in speed.
         pairs = []
         for angle in steering:
             fastest = boundary_speed(self._bounds, angle.command)
             slower = np.array([angle.command, np.clip(safe[1], -fastest, fastest)])
-            pairs += [(angle, value) for value in self._candidates(slower, before, 1)]
-        return self._nearest(pairs, safe, certificate.max_violation > 0.0)
+            values = self._candidates(slower, before, 1, lenient)
+            pairs += [(angle, value) for value in values]
+        return self._nearest(pairs, safe, lenient)
 
-    def _candidates(self, command: Array, before: Array, channel: int) -> list["_Candidate"]:
+    def _candidates(
+        self, command: Array, before: Array, channel: int, lenient: bool
+    ) -> list["_Candidate"]:
         """Return values of the space near a command that keep box and rate of one channel.
 
-        Where the last command was such that none does, those that keep the box.
+        Args:
+            command: Where to look [rad, m/s], shape (2,).
+            before: The command executed before, shape (2,).
+            channel: 0 for steering, 1 for speed.
+            lenient: If none keeps the rate, return those that keep the box.
         """
         limits = self.limits
         action = self._round(self._to_action(command))
@@ -155,7 +164,9 @@ class VehicleFilter:
         boxed = (limits.low[channel] <= values) & (values <= limits.high[channel])
         steady = ~differences_exceed(values, last, np.asarray(limits.rise[channel]))
         steady &= ~differences_exceed(last, values, np.asarray(limits.fall[channel]))
-        good = boxed & steady if (boxed & steady).any() else boxed
+        good = boxed & steady
+        if lenient and not good.any():
+            good = boxed
         return [
             _Candidate(value, float(exact))
             for value, exact in zip(grid[good], values[good], strict=True)

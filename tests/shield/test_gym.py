@@ -195,12 +195,13 @@ def test_an_inadmissible_rest_is_left_at_full_rate_and_reported() -> None:
 def test_highway_env_is_kept_within_its_rates() -> None:
     """The continuous action of highway-env: acceleration and steering, rates in its own units."""
     pytest.importorskip("highway_env")
-    plain = gymnasium.make("highway-v0", config={"action": {"type": "ContinuousAction"}})
+    config = {"action": {"type": "ContinuousAction"}, "vehicles_count": 1, "lanes_count": 2}
+    plain = gymnasium.make("highway-v0", config=config)
     env = ShieldedEnv(plain, rate=[0.5, 0.2])
     env.action_space.seed(1)
     env.reset(seed=1)
     last, statuses = np.zeros(2), set()
-    for _ in range(30):
+    for _ in range(20):
         _, _, terminated, truncated, info = env.step(env.action_space.sample())
         executed = info["certificate"].safe_action.astype(np.float64)
         for channel, step in enumerate((0.5, 0.2)):
