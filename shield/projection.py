@@ -130,7 +130,8 @@ class HorizonProjector:
             excess = worst_excess(self._bounds, commands, steering, speed)
             if note or excess > 0.0:
                 status = Status.FALLBACK
-                reason = "; ".join(part for part in (note, reason) if part) or _INADMISSIBLE
+                parts = (note, _INADMISSIBLE if excess > 0.0 else "", reason)
+                reason = "; ".join(part for part in parts if part)
         actions = np.array(commands).reshape(self.horizon, 2)
         correction = actions - wanted
         actions.flags.writeable = False
@@ -233,7 +234,8 @@ class HorizonProjector:
             return repaired.commands, Status.FALLBACK, reason
         if replaced and not reason and shown is targets_array:
             off = self._distance(guess, goal)
-            if off > 1.0:
+            # What a solver at this tolerance may miss by, with pulls of this size.
+            if off > 1.0 + 10.0 * _SEARCH * self._distance(flat, goal):
                 reason = f"the solver was off by {off:.1e} steps: solved by dynamic programming"
         return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
 

@@ -41,7 +41,9 @@ class CloningConfig:
         learning_rate: eta_BC of Adam.
         l2: lambda_L2.
         max_grad_norm: G_max.
-        patience: Updates without progress before the learning rate falls.
+        patience: Looks at the held-out loss without progress before the learning rate falls.
+        steps_per_look: Gradient steps between two such looks, each at the mean held-out loss since
+            the last one (not in the paper). An update of phase 2 alone is too short to tell.
         factor: By which it falls (not in the paper).
         min_learning_rate: Where it stops falling (not in the paper): new states keep coming.
         batch_size: Samples per gradient step (not in the paper).
@@ -56,6 +58,7 @@ class CloningConfig:
     l2: float = 1e-6
     max_grad_norm: float = 0.5
     patience: int = 5
+    steps_per_look: int = 150
     factor: float = 0.5
     min_learning_rate: float = 5e-5
     batch_size: int = 128
@@ -71,7 +74,7 @@ class CloningConfig:
         for name in ("l2", "steps_imitation", "steps_mixed", "patience", "min_learning_rate"):
             if getattr(self, name) < 0:
                 raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        for name in ("batch_size", "validation_size"):
+        for name in ("batch_size", "validation_size", "steps_per_look"):
             if getattr(self, name) < 1:
                 raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
         if not 0.0 < self.factor < 1.0:
@@ -115,6 +118,8 @@ class BehaviourCloning:
             patience=config.patience,
             min_lr=config.min_learning_rate,
         )
+        self._steps = 0
+        self._seen: list[float] = []
 
     @property
     def learning_rate(self) -> float:
@@ -148,6 +153,7 @@ class BehaviourCloning:
             nn.utils.clip_grad_norm_(self._parameters, self.config.max_grad_norm)
             self._optimizer.step()
             losses.append(loss.item())
+        self._steps += steps
         # PPO shares these parameters and must not see gradients that are left over.
         self._optimizer.zero_grad()
         self.policy.set_training_mode(False)
@@ -169,20 +175,26 @@ class BehaviourCloning:
         return CloningLoss(float(np.mean(list(per_mode.values()))), per_mode)
 
     def plateau(self, loss: float) -> None:
-        """Tell the scheduler the held-out loss of an update."""
-        self._scheduler.step(loss)
+        """Take note of a held-out loss; the scheduler looks every `steps_per_look` steps."""
+        self._seen.append(loss)
+        if self._steps >= self.config.steps_per_look:
+            self._scheduler.step(float(np.mean(self._seen)))
+            self._steps, self._seen = 0, []
 
     def state_dict(self) -> dict[str, Any]:
         """Optimiser and scheduler (the policy's weights are the policy's)."""
         return {
             "optimizer": self._optimizer.state_dict(),
             "scheduler": self._scheduler.state_dict(),
+            "steps": self._steps,
+            "seen": list(self._seen),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over the state of `state_dict`."""
         self._optimizer.load_state_dict(state["optimizer"])
         self._scheduler.load_state_dict(state["scheduler"])
+        self._steps, self._seen = state["steps"], list(state["seen"])
 
 
 def _mask_parameters(policy: DrivingPolicy) -> set[int]:

@@ -27,8 +27,9 @@ class BlendConfig:
 
     Attributes:
         critical_clearance: d_critical (Table II) [m]; nearer than this the planner drives alone.
-        base: w_base^blend; the paper does not give it.
-        slope: w_scale^blend; the paper does not give it.
+        base: w_base^blend; the paper does not give it. A half saves a disturbed policy more often
+            than 0.3 does.
+        slope: w_scale^blend; the paper does not give it. With `base` it makes 1 at contact.
         distance_scale: s_1 (Table II) [m].
         deviation_scale: s_2 [m]: Table II's 20 px at 1 px for 1 cm.
         deviation_gain: k_tanh (Table II).
@@ -42,8 +43,8 @@ class BlendConfig:
     """
 
     critical_clearance: float = 1.5
-    base: float = 0.3
-    slope: float = 0.7
+    base: float = 0.5
+    slope: float = 0.5
     distance_scale: float = 2.0
     deviation_scale: float = 0.2
     deviation_gain: float = 0.3

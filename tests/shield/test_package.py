@@ -1,6 +1,7 @@
 """What importing and running the package promises."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -17,8 +18,14 @@ HEAVY = ("torch", "pybullet", "stable_baselines3", "gymnasium", "matplotlib", "i
 
 def run(*arguments: str) -> subprocess.CompletedProcess[str]:
     """Run Python in the repository."""
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
     return subprocess.run(
-        [sys.executable, *arguments], cwd=ROOT, capture_output=True, text=True, check=True
+        [sys.executable, *arguments],
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
     )
 
 

@@ -93,13 +93,17 @@ def test_cloning_leaves_the_critic_and_the_exploration_alone() -> None:
 
 def test_the_learning_rate_falls_on_a_plateau() -> None:
     """After `patience` updates without progress it is multiplied by `factor`, to its floor."""
-    config = CloningConfig(patience=2, factor=0.5, min_learning_rate=1e-4)
+    config = CloningConfig(patience=2, factor=0.5, min_learning_rate=1e-4, steps_per_look=2)
     cloning = BehaviourCloning(new_policy(), config)
+    batch = filled_replay(20).sample(np.random.default_rng(0), 2)
     rates = []
-    for _ in range(9):
+    for _ in range(18):
+        cloning.update(lambda: batch, 1)
         cloning.plateau(1.0)
         rates.append(cloning.learning_rate)
-    assert rates == pytest.approx([3e-4] * 3 + [1.5e-4] * 3 + [1e-4] * 3)
+    looks = rates[1::2]
+    assert looks == pytest.approx([3e-4] * 3 + [1.5e-4] * 3 + [1e-4] * 3)
+    assert rates[0::2] == pytest.approx([3e-4, *looks[:-1]])
 
 
 def test_the_state_continues_the_training() -> None:

@@ -19,7 +19,7 @@ def test_critical_distance_hands_over() -> None:
     """Just below d_critical the planner drives alone, at it the formula holds again."""
     blend = ActionBlend()
     assert blend.instantaneous(1.4999, 0.0) == 1.0
-    assert blend.instantaneous(1.5, 0.0) == pytest.approx(0.3 + 0.7 * math.exp(-0.75))
+    assert blend.instantaneous(1.5, 0.0) == pytest.approx(0.5 + 0.5 * math.exp(-0.75))
 
 
 def test_hazard_at_its_corners() -> None:
