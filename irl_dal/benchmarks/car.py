@@ -95,7 +95,7 @@ def car_tables() -> tuple[Table, Table]:
 
 
 def _car(world: World, speed: float) -> Vehicle:
-    world.clear((0.2, 0.4, 0.2))
+    world.clear()
     car = Vehicle(world)
     car.place(0.0, 0.0, 0.0, speed)
     for _ in range(10):

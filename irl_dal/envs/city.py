@@ -17,7 +17,7 @@ from irl_dal.envs.lane_camera import Eye, LaneCamera
 from irl_dal.envs.lighting import draw_light
 from irl_dal.envs.reward import RewardConfig, Situation, driving_mode, reward_terms
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
-from irl_dal.envs.scenery import GRASS, PAINT, Scenery
+from irl_dal.envs.scenery import PAINT, Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track, TrackError
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
@@ -250,7 +250,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         super().reset(seed=seed)
         config = self.config
         layout, self._noise, faults = self.np_random.spawn(3)
-        self._world.clear(GRASS)
+        self._world.clear()
         self._road = self._draw_road(layout, options or {})
         self._scenery = Scenery(self._world, self._road, layout)
         self._traffic = Traffic(self._world, self._road, DENSITY[config.difficulty], layout)

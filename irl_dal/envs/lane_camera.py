@@ -43,6 +43,9 @@ WHITE_FAR = 16.0
 MIN_YELLOW, MIN_WHITE = 5, 10
 """Pixels without which a line is not believed."""
 
+MAX_PIXELS = 80
+"""Pixels of one colour that take part."""
+
 GATE = 1.1
 """Distance to a line within which a white pixel is taken for it [m]."""
 
@@ -191,10 +194,16 @@ class LaneCamera:
         yellow = self._seen & (yellowness > YELLOW) & (green > 0.6 * red)
         white = self._seen & (np.minimum(np.minimum(red, green), blue) > WHITE)
         white &= self._points[..., 0] < WHITE_FAR
-        return self._fit(self._points[yellow], self._points[white])
+        return self._fit(_thinned(self._points[yellow]), _thinned(self._points[white]))
 
     def _fit(self, yellow: Array, white: Array) -> tuple[_Fit, bool] | None:
         start = self._last
+        if start is not None and len(yellow) >= MIN_YELLOW:
+            points, lines, sigma = _associate(yellow, white, start)
+            joint = self._solve(points, lines, sigma, start, 2)
+            strays = len(points) - joint.support
+            if strays <= 0.15 * len(points):
+                return joint, True
         fit: _Fit | None = None
         if len(yellow) >= MIN_YELLOW:
             zero = np.zeros(len(yellow))
@@ -223,7 +232,7 @@ class LaneCamera:
         """Gauss-Newton from `x` (4,) for points (n, 2) of lines at offsets (n,)."""
         centre = np.zeros(4) if self._last is None else np.array([0.0, 0.0, *self._last[2:]])
         prior = 1.0 / (_PRIOR_STD if self._last is None else _KEPT_STD) ** 2
-        for k in range(rounds):
+        for k in range(3 - min(rounds, 3), rounds + 3 - min(rounds, 3)):
             s, d, jacobian = _coordinates(points, x)
             residual = d - lines
             width = 3.0 * sigma + _WIDTHS[min(k, 2)]
@@ -236,6 +245,11 @@ class LaneCamera:
         support = int((np.abs(residual) < 3.0 * sigma + 0.1).sum())
         covariance = np.asarray(_INFLATION * np.linalg.inv(normal), dtype=np.float64)
         return _Fit(x, covariance, support)
+
+
+def _thinned(points: Array) -> Array:
+    """At most about `MAX_PIXELS` of the points (n, 2), evenly chosen."""
+    return points[:: 1 + len(points) // MAX_PIXELS]
 
 
 def _parabola(points: Array) -> Array:

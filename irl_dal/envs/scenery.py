@@ -35,6 +35,9 @@ LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40
 EDGE_LINE = HALF_WIDTH - 0.15
 """Middle of the solid white line at the edge, from the centre line [m]."""
 
+LAWN = 250.0
+"""Half the edge of the lawn around the car [m]."""
+
 GUTTER = 0.4
 """Width of the kerb [m]."""
 
@@ -94,6 +97,7 @@ class Scenery:
         self._road = road
         self._pieces: dict[int, list[int]] = {}
         self._plants: dict[int, list[Plant]] = {}
+        self._lawn: int | None = None
         self._plan(rng)
 
     def show_around(self, s: float) -> None:
@@ -103,10 +107,21 @@ class Scenery:
         for piece in [p for p in self._pieces if not first <= p <= last]:
             for body in self._pieces.pop(piece):
                 self._world.remove(body)
-        for piece in range(first, last + 1):
-            if piece not in self._pieces:
-                beside = [b for plant in self._plants.get(piece, ()) for b in self._build(plant)]
-                self._pieces[piece] = self._draw(piece) + beside
+        missing = [p for p in range(first, last + 1) if p not in self._pieces]
+        for piece in missing:
+            beside = [b for plant in self._plants.get(piece, ()) for b in self._build(plant)]
+            self._pieces[piece] = self._draw(piece) + beside
+        if missing:
+            self._draw_lawn(s)
+
+    def _draw_lawn(self, s: float) -> None:
+        """Grass as far as the camera sees; last, so that it is drawn only where it shows."""
+        if self._lawn is not None:
+            self._world.remove(self._lawn)
+        x, y, _ = self._road.pose(s, 0.0)
+        corners = np.array([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
+        vertices = np.concatenate([LAWN * corners + (x, y), np.full((4, 1), -0.01)], axis=1)
+        self._lawn = self._world.mesh(vertices, np.array([[0, 1, 2], [1, 3, 2]]), GRASS)
 
     def _draw(self, piece: int) -> list[int]:
         road = self._road
@@ -133,18 +148,26 @@ class Scenery:
                 PAINT,
             ),
         ]
+        kerbs = [
+            self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, 0.02),
+            ribbon(
+                road.left_line(start, stop, -GUTTER, STEP),
+                road.left_line(start, stop, 0.0, STEP),
+                0.02,
+            ),
+        ]
         return [
-            self._mesh([self._bed(start, stop, GUTTER, 0.0)], KERB),
-            self._mesh([self._bed(start, stop, 0.0, 0.02)], ASPHALT),
-            self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
             self._mesh(edges + broken, WHITE),
+            self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
+            self._mesh([self._bed(start, stop)], ASPHALT),
+            self._mesh(kerbs, KERB),
         ]
 
-    def _bed(self, start: float, stop: float, margin: float, height: float) -> Strip:
-        """The road from edge to edge, `margin` [m] wider on both sides."""
-        left = self._road.left_line(start, stop, -margin, STEP)
-        right = self._road.line(start, stop, -HALF_WIDTH - margin, STEP)
-        return ribbon(left, right, height)
+    def _bed(self, start: float, stop: float) -> Strip:
+        """The road from edge to edge."""
+        left = self._road.left_line(start, stop, 0.0, STEP)
+        right = self._road.line(start, stop, -HALF_WIDTH, STEP)
+        return ribbon(left, right, 0.02)
 
     def _strip(self, start: float, stop: float, d: float, width: float, height: float) -> Strip:
         left = self._road.line(start, stop, d + 0.5 * width, STEP)

@@ -18,8 +18,8 @@ from irl_dal.envs.road import HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoi
 from irl_dal.envs.vehicle import FRONT_BUMPER, REAR_OVERHANG
 from irl_dal.envs.world import Colour, World
 
-ACTIVE = 100.0
-"""Distance from the ego beyond which a body waits below the ground [m]."""
+ACTIVE = 85.0
+"""Distance from the ego beyond which nothing has a body [m]: the camera sees 75 m."""
 
 PULL_OUT = 60.0
 """Distance to the ego at which a slow car begins to drive [m]: else it would not be met."""
@@ -39,9 +39,8 @@ class Obstacle:
         d: Offset of its centre to the left of the centre line [m].
         cruise: Speed it would like along the road [m/s]; negative for oncoming traffic.
         speed: Speed it has [m/s].
-        bodies: Its bodies in the world.
+        bodies: Its bodies in the world; none far from the ego.
         crossing: How a pedestrian crosses.
-        parked: It waits below the ground.
     """
 
     kind: str
@@ -52,7 +51,6 @@ class Obstacle:
     speed: float = 0.0
     bodies: tuple[int, ...] = ()
     crossing: Crossing | None = None
-    parked: bool = False
 
     @property
     def colour(self) -> Colour:
@@ -121,8 +119,7 @@ class Traffic:
         own = self._own_lane(density, rng)
         self.obstacles = own + self._pedestrians(density, own, rng) + self._oncoming(density, rng)
         for obstacle in self.obstacles:
-            obstacle.bodies = self._build(obstacle)
-            self._place(obstacle, 0.0, first=True)
+            self._place(obstacle, 0.0)
 
     def step(self, dt: float, ego: RoadPoint, speed: float) -> None:
         """Move what moves by `dt` [s]; everybody keeps a distance, to the ego car too.
@@ -149,7 +146,7 @@ class Traffic:
 
     def bodies_near(self, s: float, reach: float = 15.0) -> list[int]:
         """Bodies of what is within `reach` [m] of `s`."""
-        return [o.bodies[0] for o in self.obstacles if abs(o.s - s) < reach]
+        return [o.bodies[0] for o in self.obstacles if o.bodies and abs(o.s - s) < reach]
 
     def _follow(self, car: Obstacle, ego: RoadPoint, dt: float) -> float:
         """Speed that keeps a distance to what is ahead in the car's own direction [m/s]."""
@@ -254,28 +251,30 @@ class Traffic:
         )
         return (body, cabin)
 
-    def _place(self, obstacle: Obstacle, ego: float, *, first: bool = False) -> None:
-        """Put it on the road; far from the ego at `ego` [m] it waits far below the ground."""
+    def _place(self, obstacle: Obstacle, ego: float) -> None:
+        """Put it on the road; far from the ego at `ego` [m] it has no bodies."""
         s = obstacle.s
-        hidden = not self._road.s[0] < s < self._road.s[-1] or abs(s - ego) > ACTIVE
-        still = obstacle.cruise == 0.0 and obstacle.crossing is None
-        if not first and hidden == obstacle.parked and (hidden or still):
+        if not self._road.s[0] < s < self._road.s[-1] or abs(s - ego) > ACTIVE:
+            for body in obstacle.bodies:
+                self._world.remove(body)
+            obstacle.bodies = ()
             return
-        obstacle.parked = hidden
+        if obstacle.bodies and obstacle.cruise == 0.0 and obstacle.crossing is None:
+            return
+        obstacle.bodies = obstacle.bodies or self._build(obstacle)
         length, _, height = obstacle.size
         x, y, yaw = self._road.pose(s, obstacle.d)
-        depth = -100.0 if hidden else 0.0
         if obstacle.kind == "barrel":
-            self._world.move(obstacle.bodies[0], (x, y, depth + 0.5 * height), yaw)
+            self._world.move(obstacle.bodies[0], (x, y, 0.5 * height), yaw)
         elif obstacle.kind == "pedestrian":
             body, head = obstacle.bodies
-            self._world.move(body, (x, y, depth + 0.5 * height - 0.125), yaw)
-            self._world.move(head, (x, y, depth + height - 0.12), yaw)
+            self._world.move(body, (x, y, 0.5 * height - 0.125), yaw)
+            self._world.move(head, (x, y, height - 0.12), yaw)
         else:
             body, cabin = obstacle.bodies
-            self._world.move(body, (x, y, depth + 0.22 + 0.31 * height), yaw)
+            self._world.move(body, (x, y, 0.22 + 0.31 * height), yaw)
             back = 0.06 * length * (1.0 if obstacle.cruise >= 0.0 else -1.0)
-            at = (x - back * np.cos(yaw), y - back * np.sin(yaw), depth + 0.20 + 0.80 * height)
+            at = (x - back * np.cos(yaw), y - back * np.sin(yaw), 0.20 + 0.80 * height)
             self._world.move(cabin, at, yaw)
 
 

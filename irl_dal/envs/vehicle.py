@@ -78,6 +78,7 @@ class Vehicle:
     def __init__(self, world: World, servo_rate: float = SERVO_RATE) -> None:
         self._world = world
         self._servo_rate = servo_rate
+        self._speed = 0.0
         self.body = world.car()
         joints = world.joints(self.body)
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
@@ -97,6 +98,7 @@ class Vehicle:
             self._world.set_joint(self.body, joint, 0.0, 0.0)
         for joint in self._spin:
             self._world.set_joint(self.body, joint, 0.0, speed / WHEEL_RADIUS)
+        self._speed = speed
         self.drive(0.0, speed)
 
     def drive(self, steering: float, speed: float) -> None:
@@ -114,7 +116,7 @@ class Vehicle:
         for joint, y in zip(self._steer, (half, -half), strict=True):
             angle = float(np.arctan2(WHEELBASE * curvature, 1.0 - y * curvature))
             self._world.hinge(self.body, joint, angle, self._servo_rate, SERVO_TORQUE)
-        faster = speed > self.state().speed
+        faster = speed > self._speed
         pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
         torque = 0.25 * MASS * pull * WHEEL_RADIUS
         wheels = ((WHEELBASE, half), (WHEELBASE, -half), (0.0, half), (0.0, -half))
@@ -143,12 +145,13 @@ class Vehicle:
         yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         rear = position[:2] - CENTRE_OF_MASS * ahead
+        self._speed = float(ahead @ linear[:2])
         sideways = float(-ahead[1] * linear[0] + ahead[0] * linear[1])
         return VehicleState(
             x=float(rear[0]),
             y=float(rear[1]),
             yaw=yaw,
-            speed=float(ahead @ linear[:2]),
+            speed=self._speed,
             yaw_rate=float(angular[2]),
             lateral_speed=sideways - CENTRE_OF_MASS * float(angular[2]),
         )

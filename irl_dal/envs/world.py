@@ -96,8 +96,8 @@ class World:
     def __init__(self) -> None:
         self._client: int = pybullet.connect(pybullet.DIRECT)
 
-    def clear(self, ground: Colour) -> None:
-        """Remove every body and start again with gravity and flat ground of one colour."""
+    def clear(self) -> None:
+        """Remove every body and start again with gravity and flat, invisible ground."""
         c = self._client
         pybullet.resetSimulation(physicsClientId=c)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=c)
@@ -108,14 +108,14 @@ class World:
             physicsClientId=c,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=c)
-        lawn = pybullet.createVisualShape(
+        # Without a visual shape of its own the engine would draw the plane.
+        speck = pybullet.createVisualShape(
             pybullet.GEOM_BOX,
-            halfExtents=[1000.0, 1000.0, 0.01],
-            visualFramePosition=[0.0, 0.0, -0.02],
-            rgbaColor=[*ground, 1.0],
+            halfExtents=[0.01] * 3,
+            visualFramePosition=[0.0, 0.0, -50.0],
             physicsClientId=c,
         )
-        floor = pybullet.createMultiBody(0.0, plane, lawn, physicsClientId=c)
+        floor = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=c)
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=c)
 
     def close(self) -> None:
