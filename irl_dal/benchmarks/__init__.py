@@ -1,1 +1,0 @@
-"""What the city can do, measured: speed, lane measurement, vehicle, faults."""
