@@ -205,22 +205,16 @@ class HorizonProjector:
         self, flat: list[float], steering: float, speed: float, begin: float
     ) -> tuple[list[float], Status, str]:
         """Return the repaired horizon for a nominal that is not admissible."""
-        if not math.isfinite(sum(flat)):
-            for index, value in enumerate(flat):
-                if not math.isfinite(value):
-                    targets = braking_targets(self._bounds, steering, self.horizon)
-                    commands = repair(self._bounds, targets, steering, speed).commands
-                    step, channel = divmod(index, 2)
-                    return (
-                        commands,
-                        Status.FALLBACK,
-                        f"nominal[{step}, {channel}] is {value}: braking",
-                    )
-        far, near = _FAR * self._reach, _NEAR * self._reach
-        if min(flat) < -far or max(flat) > far:
+        # A sum that is not finite may be one of huge numbers: look again.
+        if not math.isfinite(sum(flat)) and not all(map(math.isfinite, flat)):
+            return self._brake(flat, steering, speed)
+        largest, near = max(max(flat), -min(flat)), _NEAR * self._reach
+        if largest > _FAR * self._reach:
+            far = _FAR * self._reach
             flat = [min(max(value, -far), far) for value in flat]
-        targets_array = np.array(flat)
-        shown = np.clip(targets_array, -near, near) if _exceeds(flat, near) else targets_array
+        exact = shown = np.array(flat)
+        if largest > near:
+            shown = np.clip(exact, -near, near)
         self._set_previous(steering, speed)
         answer, reason = self._solver.solve(self._pull * shown, self._lower, self._upper)
         guess: list[float] | None = None if answer is None else (answer * self._scale).tolist()
@@ -232,12 +226,22 @@ class HorizonProjector:
             return self._bend(repaired.commands, shown, steering, speed, begin, reason)
         if guess is None:
             return repaired.commands, Status.FALLBACK, reason
-        if replaced and not reason and shown is targets_array:
+        if replaced and not reason and shown is exact:
             off = self._distance(guess, goal)
             # What a solver at this tolerance may miss by, with pulls of this size.
             if off > 1.0 + 10.0 * _SEARCH * self._distance(flat, goal):
                 reason = f"the solver was off by {off:.1e} steps: solved by dynamic programming"
         return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
+
+    def _brake(
+        self, flat: list[float], steering: float, speed: float
+    ) -> tuple[list[float], Status, str]:
+        """Return full braking, for a nominal that is not finite somewhere."""
+        index, value = next(item for item in enumerate(flat) if not math.isfinite(item[1]))
+        targets = braking_targets(self._bounds, steering, self.horizon)
+        commands = repair(self._bounds, targets, steering, speed).commands
+        step, channel = divmod(index, 2)
+        return commands, Status.FALLBACK, f"nominal[{step}, {channel}] is {value}: braking"
 
     def _settle(
         self, guess: list[float] | None, targets: list[float], steering: float, speed: float
@@ -318,7 +322,3 @@ class HorizonProjector:
         self._upper[row] = max(steering + step, -side) / turn
         self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed) / change
         self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed) / change
-
-
-def _exceeds(flat: list[float], size: float) -> bool:
-    return min(flat) < -size or max(flat) > size

@@ -104,12 +104,56 @@ def make_solver(
     )
 
 
+class _Info:
+    """The two fields of OSQP's information that are read here."""
+
+    __slots__ = ("status", "status_val")
+
+    def __init__(self, info: Any) -> None:
+        self.status = info.status
+        self.status_val = info.status_val
+
+
+class _Solution:
+    """The primal solution alone."""
+
+    __slots__ = ("dual_inf_cert", "prim_inf_cert", "x", "y")
+
+    def __init__(self, solution: Any) -> None:
+        self.x = solution.x
+        self.y = self.prim_inf_cert = self.dual_inf_cert = None
+
+
+class _LeanSolver:
+    """OSQP's compiled solver, showing no more of an answer than is read here.
+
+    OSQP's `solve` copies all that `info` and `solution` hold into Python objects, which takes as
+    long as fifteen iterations of a small problem.
+    """
+
+    def __init__(self, solver: Any) -> None:
+        self._solver = solver
+        self.update_data_vec = solver.update_data_vec
+        self.update_data_mat = solver.update_data_mat
+
+    def solve(self) -> None:
+        """Solve and read the answer off, once."""
+        self._solver.solve()
+        self.info = _Info(self._solver.info)
+        self.solution = _Solution(self._solver.solution)
+
+
 class _Workspace(osqp.OSQP):  # type: ignore[misc]
-    """OSQP's Python object with a leaner way in.
+    """OSQP's Python object with a leaner way in and out.
 
     Its own `update` clips the bounds to OSQP's infinity and looks that up by importing a module,
     each time; the bounds here are finite.
     """
+
+    def setup(self, *args: Any, **settings: Any) -> None:
+        """Set up as OSQP does."""
+        super().setup(*args, **settings)
+        self._solver: Any = _LeanSolver(self._solver)
 
     def replace(self, q: Array, lower: Array, upper: Array, matrix: Array | None) -> None:
         """Replace the vectors and, if given, the entries of the matrix."""

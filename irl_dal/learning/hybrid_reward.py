@@ -31,6 +31,8 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 
+from expert.modes import Mode
+
 __all__ = ["End", "HybridReward", "HybridRewardConfig", "HybridRolloutBuffer", "StepOutcome"]
 
 Array = NDArray[np.float32]
@@ -108,6 +110,7 @@ class StepOutcome:
         env_reward: r_env.
         executed_action: What reached the actuators (2,), normalised.
         end: Whether and how the step ended its episode.
+        mode: FSM state of the expert in the state acted upon.
         stored_action: Action to keep in place of the policy's own draw (2,), and its
             log-probability: only `saec: paper` has any.
     """
@@ -115,6 +118,7 @@ class StepOutcome:
     env_reward: float
     executed_action: Array
     end: End
+    mode: Mode = Mode.LANE_FOLLOWING
     stored_action: tuple[Array, float] | None = None
 
 
@@ -214,6 +218,7 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         self.executed_actions = np.zeros((size, 2), np.float32)
         self.drawn_actions = np.zeros((size, 2), np.float32)
         self.ends = np.zeros(size, np.int8)
+        self.modes = np.zeros(size, np.int8)
 
     def annotate(self, outcome: StepOutcome) -> None:
         """Say what the next `add` is about."""
@@ -252,6 +257,7 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         self.env_rewards[place] = outcome.env_reward
         self.executed_actions[place] = outcome.executed_action
         self.ends[place] = outcome.end
+        self.modes[place] = outcome.mode
         super().add(obs, action, reward, episode_start, value, log_prob)
 
     def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: NDArray[Any]) -> None:

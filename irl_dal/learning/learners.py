@@ -130,9 +130,22 @@ class Learners:
 
     def _agent_pairs(self, buffer: HybridRolloutBuffer) -> tuple[dict[str, Tensor], Tensor]:
         size = min(self.config.discriminator.samples, buffer.pos)
-        rows = self._rng.choice(buffer.pos, size=size, replace=False)
+        modes = buffer.modes[: buffer.pos]
+        # Both sides alike: otherwise the modes alone tell them apart, whatever the actions.
+        rows = _evenly(self._rng, modes if self.config.balanced else 0 * modes, size)
         observations = {key: values[rows, 0] for key, values in buffer.observations.items()}
         return _tensors(observations), torch.from_numpy(buffer.executed_actions[rows])
+
+
+def _evenly(rng: np.random.Generator, modes: NDArray[np.int8], size: int) -> NDArray[np.int64]:
+    """Draw rows with replacement, each of the modes that occur as often as the others."""
+    present = np.unique(modes)
+    share = np.bincount(np.arange(size) % len(present), minlength=len(present))
+    drawn = [
+        rng.choice(np.flatnonzero(modes == mode), size=count)
+        for mode, count in zip(present, share, strict=True)
+    ]
+    return np.concatenate(drawn)
 
 
 def _tensors(observations: dict[str, NDArray[np.generic]]) -> dict[str, Tensor]:

@@ -192,7 +192,7 @@ class Pipeline:
         stored = None
         if self.correction.replaces(last.intervened):
             stored = self.correction.expert_draw(self.policy, observation, last.label)
-        buffer.annotate(StepOutcome(last.reward, last.executed_action, last.end, stored))
+        buffer.annotate(StepOutcome(last.reward, last.executed_action, last.end, last.mode, stored))
         self._advance()
         # What is due after the very last step comes after PPO's last update, in `_finish`.
         if self.step < self.config.total_steps:

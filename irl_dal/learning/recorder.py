@@ -69,6 +69,7 @@ class RecordedStep:
         reward: Environment reward.
         executed_action: (2,), normalised.
         label: The expert's action in the state acted upon (2,), normalised.
+        mode: FSM state of the expert in the state acted upon.
         intervened: The planner acted.
         end: Whether and how the episode ended.
     """
@@ -76,6 +77,7 @@ class RecordedStep:
     reward: float
     executed_action: NDArray[np.float32]
     label: NDArray[np.float32]
+    mode: Mode
     intervened: bool
     end: End
 
@@ -188,7 +190,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
         observation, reward, terminated, truncated, info = result
         label = np.asarray(self._info["expert_action"], np.float32)
         executed = np.asarray(info["executed_action"], np.float32)
-        intervened = bool(info["triggered"])
+        mode, intervened = Mode(self._info["mode"]), bool(info["triggered"])
         if self._correction.keeps(intervened):
             self._replay.add(
                 Transition(
@@ -198,7 +200,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
                     context=self._info["context"].encode(),
                     label=label,
                     command=executed,
-                    mode=Mode(self._info["mode"]),
+                    mode=mode,
                     episode=self._episode,
                     step=self._step,
                     reward=reward,
@@ -208,7 +210,7 @@ class Recorder(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray
                 )
             )
         end = _end(terminated, truncated, bool(info["success"]))
-        self.last = RecordedStep(reward, executed, label, intervened, end)
+        self.last = RecordedStep(reward, executed, label, mode, intervened, end)
         self._count(reward, info, end)
         self._observation, self._info = observation, info
         self._step += 1

@@ -40,19 +40,14 @@ def solve_chains(
         used = 2 * (step + 1)
         x, g = knots[:used], slopes[:used]
         minima[step], negative = _root(x, g)
+        _into_box(x, g, minima[step], negative, low, high)
         if step + 1 == horizon:
             break
         x += np.where(negative, -fall, rise)
+        np.subtract(minima[step], fall, out=knots[used])
+        np.add(minima[step], rise, out=knots[used + 1])
         x, g = knots[: used + 2], slopes[: used + 2]
-        np.subtract(minima[step], fall, out=x[used])
-        np.add(minima[step], rise, out=x[used + 1])
         g[used:] = 0.0
-        _cut(x, g, high)
-        np.negative(x, out=x)
-        np.negative(g, out=g)
-        _cut(x, g, -low)
-        np.negative(x, out=x)
-        np.negative(g, out=g)
         g += x
         g -= targets[step + 1]
     solution = np.empty((horizon, chains))
@@ -77,17 +72,34 @@ def _root(x: Array, g: Array) -> tuple[Array, NDArray[np.bool_]]:
     return np.where(np.isinf(g1), x0, root), negative
 
 
-def _cut(x: Array, g: Array, high: Array) -> None:
-    """Restrict derivatives to ``x <= high``: knots beyond move onto the end, with its value."""
-    columns = np.flatnonzero(x.max(axis=0) > high)
-    if not columns.size:
-        return
-    some_x, some_g, end = x[:, columns], g[:, columns], high[columns]
-    beyond = some_x > end
-    x0 = np.where(beyond, -np.inf, some_x).max(axis=0)
-    g0 = np.where(beyond, -np.inf, some_g).max(axis=0)
-    x1 = np.where(beyond, some_x, np.inf).min(axis=0)
-    g1 = np.where(beyond, some_g, np.inf).min(axis=0)
-    value = g0 + (g1 - g0) * ((end - x0) / (x1 - x0))
-    x[:, columns] = np.where(beyond, end, some_x)
-    g[:, columns] = np.where(beyond, value, some_g)
+def _into_box(
+    x: Array, g: Array, root: Array, negative: NDArray[np.bool_], low: Array, high: Array
+) -> None:
+    """Move roots outside the box to its end, and restrict those derivatives to the box.
+
+    A derivative may extend beyond the box as long as its root lies inside: only then is what is
+    beyond ever looked at.
+    """
+    columns = np.flatnonzero(root > high)
+    if columns.size:
+        x[:, columns], g[:, columns] = _cut(x[:, columns], g[:, columns], high[columns])
+        root[columns], negative[:, columns] = high[columns], True
+    columns = np.flatnonzero(root < low)
+    if columns.size:
+        some_x, some_g = _cut(-x[:, columns], -g[:, columns], -low[columns])
+        x[:, columns], g[:, columns] = -some_x, -some_g
+        root[columns], negative[:, columns] = low[columns], False
+
+
+def _cut(x: Array, g: Array, high: Array) -> tuple[Array, Array]:
+    """Restrict derivatives to ``x <= high``: knots beyond move onto the end, with its value.
+
+    There is a knot on either side: those of the last root lie in the box, and the root beyond it.
+    """
+    beyond = x > high
+    x0 = np.where(beyond, -np.inf, x).max(axis=0)
+    g0 = np.where(beyond, -np.inf, g).max(axis=0)
+    x1 = np.where(beyond, x, np.inf).min(axis=0)
+    g1 = np.where(beyond, g, np.inf).min(axis=0)
+    value = g0 + (g1 - g0) * ((high - x0) / (x1 - x0))
+    return np.where(beyond, high, x), np.where(beyond, value, g)

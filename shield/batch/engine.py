@@ -18,6 +18,9 @@ Mask = NDArray[np.bool_]
 # Values per array that stay in the cache of one core while a step works on them.
 _CACHED = 12_000
 
+# Fewer bent horizons than this are solved faster one by one.
+_WORTHWHILE = 12
+
 
 class BatchOutcome(NamedTuple):
     """What the engine made of a batch.
@@ -26,7 +29,8 @@ class BatchOutcome(NamedTuple):
         actions: Horizons, shape (B, H, 2); meaningful where `nominal` or `solved`.
         nominal: Which horizons were admissible and came back bit by bit, (B,).
         solved: Which horizons were projected and checked, (B,). The rest is left to the caller:
-            values that are not finite or huge, inadmissible previous commands, no convergence.
+            values that are not finite or huge, inadmissible previous commands, no convergence, and
+            bent horizons too few to be worth a batch.
     """
 
     actions: Array
@@ -79,8 +83,9 @@ class BatchEngine:
         goal[..., index] = commands
         solved = np.zeros(len(nominals), dtype=bool)
         solved[index] = good
-        if self._lateral is not None:
-            for part in _parts(index[~good], 4 * self._chunk):
+        bent = index[~good]
+        if self._lateral is not None and bent.size >= _WORTHWHILE:
+            for part in _parts(bent, 4 * self._chunk):
                 some, converged = self._lateral.solve(
                     targets[..., part], goal[..., part], last[:, part]
                 )

@@ -125,7 +125,7 @@ def test_one_previous_command_serves_all_and_batches_may_be_empty() -> None:
     nominals = np.tile([0.3, 9.0], (3, 8, 1))
     shared = target.project_batch(nominals, [0.0, 8.0])
     each = target.project_batch(nominals, np.tile([0.0, 8.0], (3, 1)))
-    assert (shared.actions == each.actions).all()
+    assert shared.actions == pytest.approx(each.actions, abs=tolerances.ROUNDING)
     assert target.project_batch(np.zeros((0, 8, 2)), [0.0, 0.0]).actions.shape == (0, 8, 2)
     assert len(target.project_batch(nominals[:1], [0.0, 8.0])) == 1
     assert not shared.actions.flags.writeable

@@ -15,11 +15,11 @@ from tests.irl_dal.learning.samples import filled_replay, new_policy
 
 
 def test_cloning_learns_and_reports_each_mode() -> None:
-    """Sixty gradient steps halve the held-out loss; every mode of the data is reported."""
+    """Forty gradient steps halve the held-out loss; every mode of the data is reported."""
     replay, rng = filled_replay(), np.random.default_rng(0)
-    cloning = BehaviourCloning(new_policy(), CloningConfig(batch_size=64, validation_size=128))
+    cloning = BehaviourCloning(new_policy(), CloningConfig(learning_rate=1e-3, validation_size=64))
     before = cloning.validate(replay, np.random.default_rng(1))
-    cloning.update(lambda: replay.sample(rng, 64), 60)
+    cloning.update(lambda: replay.sample(rng, 32), 40)
     after = cloning.validate(replay, np.random.default_rng(1))
     assert before is not None and after is not None
     assert after.loss < 0.5 * before.loss

@@ -195,7 +195,10 @@ def test_renewed_values_replace_those_seen_on_the_way() -> None:
 def test_the_policys_own_draw_is_kept_unless_something_else_is_to_be_stored() -> None:
     """Eq. 28's form replaces action and log-probability of that step and of no other."""
     replaced = StepOutcome(
-        0.0, np.zeros(2, np.float32), End.GOES_ON, (np.array([0.3, -0.2], np.float32), -7.5)
+        0.0,
+        np.zeros(2, np.float32),
+        End.GOES_ON,
+        stored_action=(np.array([0.3, -0.2], np.float32), -7.5),
     )
     buffer = filled_buffer(hybrid(None), [outcome(0.0), replaced], np.zeros(2, np.float32))
     assert buffer.actions[:, 0] == pytest.approx(np.array([[0.0, 0.0], [0.3, -0.2]]))

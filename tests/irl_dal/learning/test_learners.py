@@ -1,0 +1,56 @@
+"""What the learners draw from the replay buffer and from the rollout."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irl_dal.learning import HybridRolloutBuffer
+from irl_dal.learning.learners import _evenly
+from tests.irl_dal.learning.city import SHORT, new_loop, new_pipeline
+
+
+def test_rows_are_drawn_evenly_over_the_modes_that_occur() -> None:
+    """Ninety-five to five becomes half and half, within a mode every row is as likely."""
+    modes = np.array([0] * 95 + [3] * 5, np.int8)
+    rows = _evenly(np.random.default_rng(0), modes, 2000)
+    assert np.bincount(modes[rows], minlength=4).tolist() == [1000, 0, 0, 1000]
+    assert np.bincount(rows[modes[rows] == 3] - 95) == pytest.approx(np.full(5, 200), abs=60)
+
+
+@pytest.mark.parametrize("sampling", ["balanced", "uniform"])
+def test_the_discriminator_sees_both_sides_in_the_same_mixture_of_modes(
+    tmp_path: Path, sampling: str
+) -> None:
+    """In balanced sampling the agent's pairs, out of the rollout, are balanced as well."""
+    config = replace(SHORT, imitation_steps=40, mixed_steps=32, sampling=sampling)  # type: ignore[arg-type]
+    pipeline = new_pipeline(tmp_path, config)
+    pipeline.run()
+    buffer = pipeline.learners.ppo.rollout_buffer
+    assert isinstance(buffer, HybridRolloutBuffer)
+    buffer.modes[:] = [0] * 28 + [2] * 4
+    buffer.executed_actions[:, 0] = buffer.modes
+    for key, values in buffer.observations.items():
+        buffer.observations[key] = values[:, None]
+    _, actions = pipeline.learners._agent_pairs(buffer)
+    share = float((actions[:, 0] == 2.0).float().mean())
+    assert share == pytest.approx(0.5 if sampling == "balanced" else 0.125, abs=0.2)
+
+
+def test_a_part_of_each_cloning_batch_is_corrected_steps(tmp_path: Path) -> None:
+    """As soon as there are marks, `corrected_share` of a batch carries them."""
+    config = replace(SHORT, imitation_steps=40, mixed_steps=32)
+    pipeline = new_pipeline(tmp_path, config, loop=new_loop(activation="always"))
+    learners, recorder = pipeline.learners, pipeline.recorder
+    recorder.reset()
+    for _ in range(20):
+        recorder.step_expert()
+    assert not learners._cloning_batch().intervened.any()
+    for _ in range(2):
+        recorder.step(np.zeros(2, np.float32))
+    batch = learners._cloning_batch()
+    assert len(batch) == 16
+    assert batch.intervened.sum() >= 4
