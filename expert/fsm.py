@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
+from expert.crossing import CrossingConfig, CrossingWatch, Pedestrian
 from expert.lane_map import LaneMap
 from expert.lateral import LateralConfig, steer
 from expert.longitudinal import LongitudinalConfig, choose_speed
@@ -15,6 +17,9 @@ from expert.modes import Mode
 from shield import ActuatorLimits, LaneEstimate
 
 Array = NDArray[np.float64]
+
+_STUCK_AFTER = 3
+_INSIDE = 1.0 - 1e-9
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +43,7 @@ class ExpertConfig:
         max_range: LiDAR reading where nothing was hit [m].
         lateral: Gains of the steering cascade.
         longitudinal: How fast the expert drives.
+        crossing: What counts as a pedestrian.
     """
 
     lane_width: float = 3.5
@@ -56,6 +62,7 @@ class ExpertConfig:
     max_range: float = 40.0
     lateral: LateralConfig = field(default_factory=LateralConfig)
     longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
+    crossing: CrossingConfig = field(default_factory=CrossingConfig)
 
     def __post_init__(self) -> None:
         for name in (
@@ -106,6 +113,7 @@ class FSMExpert:
     def __init__(self, config: ExpertConfig, limits: ActuatorLimits) -> None:
         self._config = config
         self._limits = limits
+        self._watch = CrossingWatch(config.crossing, limits.dt)
         self.reset()
 
     def reset(self) -> None:
@@ -114,6 +122,9 @@ class FSMExpert:
         self._reference: float | None = None
         self._rate = 0.0
         self._free_for = 0.0
+        self._last_scan: Array | None = None
+        self._repeats: NDArray[np.int64] | None = None
+        self._watch.reset()
 
     def act(self, scan: Array, lane: LaneEstimate, speed: float, previous: Array) -> ExpertDecision:
         """Decide for the current state.
@@ -125,12 +136,19 @@ class FSMExpert:
             previous: Last executed command (2,) [rad, m/s].
         """
         config, limits = self._config, self._limits
-        lanes = LaneMap.build(scan, lane, config.max_range)
+        lanes = LaneMap.build(self._working(scan), lane, config.max_range)
+        yaw_rate = speed * math.tan(float(previous[0])) / limits.wheelbase
+        people = self._watch.update(lanes, speed, yaw_rate)
+        for person in people:
+            lanes = lanes.without(person.s, person.d, 0.8)
         home = lanes.gap(0.0, config.corridor, -config.beside)
         passing = lanes.gap(config.lane_width, config.corridor, -config.beside)
         self._mode = self._next_mode(home, passing, lane.lateral_offset, speed)
         target, rate = self._shift(lane.lateral_offset)
-        gap = self._gap_ahead(lanes, lane, speed)
+        gap = min(
+            self._gap_ahead(lanes, lane, speed),
+            self._gap_to(people, (lane.lateral_offset, target), speed),
+        )
         wanted = choose_speed(config.longitudinal, lane, gap)
         if self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT):
             wanted = min(wanted, config.avoidance_speed)
@@ -141,7 +159,7 @@ class FSMExpert:
     def approach(self, setpoint: Array, previous: Array, horizon: int) -> Array:
         """Commands (horizon, 2) that go from `previous` (2,) to `setpoint` (2,) at full rate."""
         limits = self._limits
-        steps = np.arange(1, horizon + 1)[:, None] * limits.dt
+        steps = np.arange(1, horizon + 1)[:, None] * limits.dt * _INSIDE
         rise = np.array([limits.max_steering_rate, limits.max_acceleration])
         fall = np.array([limits.max_steering_rate, limits.max_deceleration])
         return np.clip(setpoint, previous - fall * steps, previous + rise * steps)
@@ -181,6 +199,27 @@ class FSMExpert:
         config = self._config
         slope = min(config.max_slope, config.shift_rate / max(speed, 1.0))
         return lanes.gap_on_the_way(lane.lateral_offset, self._goal(), slope, config.body)
+
+    def _gap_to(self, people: Sequence[Pedestrian], ways: Sequence[float], speed: float) -> float:
+        """Free distance to the first pedestrian who is in the way or about to be [m]."""
+        config = self._config.crossing
+        gaps = [
+            person.s - config.standoff
+            for person in people
+            if any(person.blocks(way, speed, config.room) for way in ways)
+        ]
+        return max(0.0, min(gaps)) if gaps else math.inf
+
+    def _working(self, scan: Array) -> Array:
+        """The scan without beams that have repeated one reading bit by bit: they are stuck."""
+        ranges = np.array(scan, dtype=np.float64)
+        last, self._last_scan = self._last_scan, ranges.copy()
+        if last is None or self._repeats is None or last.shape != ranges.shape:
+            self._repeats = np.zeros(ranges.shape, dtype=np.int64)
+            return ranges
+        self._repeats = np.where(ranges == last, self._repeats + 1, 0)
+        ranges[self._repeats >= _STUCK_AFTER] = np.inf
+        return ranges
 
     def _goal(self) -> float:
         passing = self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT)

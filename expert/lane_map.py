@@ -29,10 +29,24 @@ class LaneMap:
     Attributes:
         s: Distance along the lane from the front bumper (n,) [m].
         d: Offset to the left of the home lane's centre (n,) [m].
+        points: The same points in the LiDAR's frame (n, 2) [m], in the order of the beams.
+        lane: The lane that they were placed in.
     """
 
     s: Array
     d: Array
+    points: Array
+    lane: LaneEstimate
+
+    def without(self, s: float, d: float, radius: float) -> LaneMap:
+        """The map without the points around (s, d) [m]."""
+        keep = np.hypot(self.s - s, self.d - d) > radius
+        return LaneMap(self.s[keep], self.d[keep], self.points[keep], self.lane)
+
+    def heading_at(self, s: float) -> float:
+        """Direction of the lane at `s` [m] from the bumper, relative to the car's [rad]."""
+        lane, along = self.lane, s + LIDAR_FORWARD
+        return lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
 
     @classmethod
     def build(cls, scan: Array, lane: LaneEstimate, max_range: float) -> LaneMap:
@@ -44,7 +58,7 @@ class LaneMap:
             max_range: Reading of a beam that hit nothing [m].
         """
         ranges = np.asarray(scan, dtype=np.float64)
-        hit = np.isfinite(ranges) & (ranges < max_range - 0.5)
+        hit = np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range - 0.5)
         bearing = np.linspace(-0.5 * np.pi, 0.5 * np.pi, len(ranges))[hit]
         points = ranges[hit, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
         points[:, 0] += LIDAR_FORWARD
@@ -62,7 +76,8 @@ class LaneMap:
         tangent, rest = step[nearest], gap[rows, nearest]
         s = along[nearest] + np.einsum("nk,nk->n", tangent, rest)
         d = tangent[:, 0] * rest[:, 1] - tangent[:, 1] * rest[:, 0]
-        return cls(s - LIDAR_FORWARD, d)
+        points[:, 0] -= LIDAR_FORWARD
+        return cls(s - LIDAR_FORWARD, d, points, lane)
 
     def gap(self, centre: float, half_width: float, start: float = 0.0) -> float:
         """Free distance from the bumper in the strip around offset `centre` [m].

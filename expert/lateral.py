@@ -47,7 +47,8 @@ def steer(
 
         psi_ref = sat((r - e / T_e) / v),  delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
 
-    so that e decays with T_e and psi with T_psi whatever the speed.
+    so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
+    curvature is that of a parallel line, kappa / (1 - kappa · e).
 
     Args:
         config: Gains.
@@ -62,5 +63,6 @@ def steer(
     approach = math.atan2(target_rate - error / config.offset_time, v)
     heading = max(-config.max_approach, min(config.max_approach, approach))
     curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
+    curvature /= max(0.4, 1.0 - curvature * lane.lateral_offset)
     turn = curvature + (heading - lane.heading_error) / (v * config.heading_time)
     return math.atan(wheelbase * turn)

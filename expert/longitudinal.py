@@ -22,7 +22,7 @@ class LongitudinalConfig:
         preview: Stretch of lane whose curvature counts [m].
     """
 
-    cruise_speed: float = 8.0
+    cruise_speed: float = 9.0
     lateral_acceleration: float = 2.0
     deceleration: float = 2.0
     standoff: float = 4.0
@@ -49,7 +49,8 @@ def choose_speed(config: LongitudinalConfig, lane: LaneEstimate, gap: float) -> 
         gap: Free distance ahead in the lane that is being driven [m].
     """
     end = lane.curvature + lane.curvature_rate * config.preview
-    bend = max(abs(lane.curvature), abs(end), 1e-6)
+    here = lane.curvature / max(0.4, 1.0 - lane.curvature * lane.lateral_offset)
+    bend = max(abs(here), abs(end), 1e-6)
     stop = math.sqrt(2.0 * config.deceleration * max(0.0, gap - config.standoff))
     stop = max(stop, config.creep_speed) if gap > config.creep_gap else 0.0
     return min(config.cruise_speed, math.sqrt(config.lateral_acceleration / bend), stop)

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
-from irl_dal.envs import CityEnv
+from irl_dal.envs import Caption, CityEnv
 from irl_dal.planner import ActionBlend, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
@@ -212,6 +212,11 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
+        self.city.caption = Caption(
+            self._risk.risky,
+            f"{self._decision.mode.name.lower().replace('_', ' ')}"
+            + (f"   trigger: {', '.join(self._risk.reasons)}" if self._risk.risky else ""),
+        )
         self._context = PlanningContext(
             scan=scan,
             clearance=self._distance,

@@ -2,10 +2,21 @@
 
 import gymnasium
 
+from irl_dal.envs.chase import Caption
 from irl_dal.envs.city import CityConfig, CityEnv, Scene
+from irl_dal.envs.faults import FAULTS, FaultConfig
 from irl_dal.envs.reward import RewardConfig
 
-__all__ = ["CITY_ID", "CityConfig", "CityEnv", "RewardConfig", "Scene"]
+__all__ = [
+    "CITY_ID",
+    "FAULTS",
+    "Caption",
+    "CityConfig",
+    "CityEnv",
+    "FaultConfig",
+    "RewardConfig",
+    "Scene",
+]
 
 CITY_ID = "IRLDAL/City-v0"
 

@@ -2,28 +2,131 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Protocol
+
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image, ImageDraw
 
-from irl_dal.envs.vehicle import VehicleState
+from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
 
-BEHIND, ABOVE, AHEAD = 9.0, 4.5, 12.0
+Array = NDArray[np.float64]
+
+BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 """Where the camera flies and how far in front of the car it looks [m]."""
+
+FIELD_OF_VIEW = 50.0
+"""[deg]"""
+
+BEAM_HEIGHT = 0.6
+"""At which the LiDAR's rays are drawn [m]."""
+
+EVERY = 3
+"""One ray in so many is drawn."""
+
+CALM, RISKY = (90, 200, 140), (235, 70, 60)
+"""Colours of the rays and of the badge."""
+
+
+@dataclass(frozen=True, slots=True)
+class Caption:
+    """What somebody outside the city wants the view to say.
+
+    Attributes:
+        risky: The trigger's verdict.
+        text: One line.
+    """
+
+    risky: bool = False
+    text: str = ""
+
+
+class Moment(Protocol):
+    """The parts of a scene that the view draws."""
+
+    @property
+    def vehicle(self) -> VehicleState:
+        """The ego car."""
+
+    @property
+    def scan(self) -> Array:
+        """Ranges (beams,) [m]."""
+
+    @property
+    def angles(self) -> Array:
+        """Bearings (beams,) [rad]."""
 
 
 def chase_view(
-    world: World, state: VehicleState, light: Illumination, width: int = 640, height: int = 360
+    world: World,
+    scene: Moment,
+    light: Illumination,
+    caption: Caption,
+    width: int = 640,
+    height: int = 360,
 ) -> NDArray[np.uint8]:
-    """Image (height, width, 3) uint8 of the car and the road ahead."""
+    """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays and a caption."""
+    state = scene.vehicle
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
     eye, aim = here - BEHIND * ahead, here + AHEAD * ahead
     camera = CameraPose(
         eye=(float(eye[0]), float(eye[1]), ABOVE),
         target=(float(aim[0]), float(aim[1]), 0.5),
-        field_of_view=50.0,
+        field_of_view=FIELD_OF_VIEW,
         width=width,
         height=height,
     )
-    return world.render(camera, light)
+    picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
+    glass = Image.new("RGBA", picture.size)
+    pen = ImageDraw.Draw(glass)
+    _draw_rays(pen, scene, (width, height), RISKY if caption.risky else CALM)
+    _draw_badge(pen, caption, state.speed, width)
+    return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
+
+
+def _draw_rays(
+    pen: ImageDraw.ImageDraw, scene: Moment, size: tuple[int, int], colour: tuple[int, int, int]
+) -> None:
+    """Rays that hit something, with a dot where they end."""
+    farthest = float(scene.scan.max(initial=0.0))
+    hit = scene.scan < max(farthest, 1.0) - 0.5
+    hit[np.arange(len(hit)) % EVERY != 0] = False
+    origin = _project(np.array([[FRONT_BUMPER, 0.0, BEAM_HEIGHT]]), size)[0]
+    ends = np.stack(
+        [
+            FRONT_BUMPER + scene.scan * np.cos(scene.angles),
+            scene.scan * np.sin(scene.angles),
+            np.full(len(scene.scan), BEAM_HEIGHT),
+        ],
+        axis=1,
+    )
+    for x, y in _project(ends[hit], size):
+        pen.line([(origin[0], origin[1]), (x, y)], fill=(*colour, 70), width=1)
+        pen.ellipse([x - 2.0, y - 2.0, x + 2.0, y + 2.0], fill=(*colour, 220))
+
+
+def _draw_badge(pen: ImageDraw.ImageDraw, caption: Caption, speed: float, width: int) -> None:
+    """Speed and trigger in the upper left corner."""
+    words = f"{3.6 * speed:3.0f} km/h"
+    if caption.text:
+        words += f"   {caption.text}"
+    colour = RISKY if caption.risky else CALM
+    pen.rounded_rectangle(
+        [8, 8, min(width - 8, 40 + 7 * len(words)), 32], 6, fill=(15, 18, 22, 170)
+    )
+    pen.ellipse([15, 15, 25, 25], fill=(*colour, 255))
+    pen.text((33, 14), words, fill=(240, 240, 240, 255))
+
+
+def _project(points: Array, size: tuple[int, int]) -> Array:
+    """Pixels (n, 2) of points (n, 3) in the car's frame [m], x from the rear axle."""
+    width, height = size
+    focal = 0.5 * height / np.tan(0.5 * np.radians(FIELD_OF_VIEW))
+    pitch = np.arctan2(ABOVE - 0.5, BEHIND + AHEAD)
+    x, y, z = points[:, 0] + BEHIND, points[:, 1], points[:, 2] - ABOVE
+    depth = np.maximum(x * np.cos(pitch) - z * np.sin(pitch), 0.5)
+    up = x * np.sin(pitch) + z * np.cos(pitch)
+    return np.stack([0.5 * width - focal * y / depth, 0.5 * height - focal * up / depth], axis=1)

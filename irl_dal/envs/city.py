@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import dataclass, field
 from typing import Any, Literal
 
@@ -10,16 +11,19 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from irl_dal.envs.chase import chase_view
+from irl_dal.envs.chase import Caption, chase_view
+from irl_dal.envs.faults import ActuatorLag, FaultConfig, SensorFaults
+from irl_dal.envs.lane_camera import Eye, LaneCamera
 from irl_dal.envs.lighting import draw_light
 from irl_dal.envs.reward import RewardConfig, Situation, driving_mode, reward_terms
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
-from irl_dal.envs.scenery import GRASS, Scenery
+from irl_dal.envs.scenery import PAINT, Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
+from irl_dal.envs.track import Track, TrackError
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
-from irl_dal.envs.vehicle import FRONT_BUMPER, Vehicle, VehicleState
+from irl_dal.envs.vehicle import FRONT_BUMPER, KinematicVehicle, Vehicle, VehicleState
 from irl_dal.envs.world import Illumination, World
-from shield import ActuatorLimits
+from shield import ActuatorLimits, LaneMeasurement
 
 Array = NDArray[np.float64]
 Observation = dict[str, NDArray[Any]]
@@ -32,9 +36,13 @@ class CityConfig:
 
     Attributes:
         difficulty: How much traffic: easy, paper or hard.
-        route_length: From start to goal [m].
+        route_length: From start to goal on the average [m]; on a track exactly, a goal every so
+            many metres.
+        route_spread: How much longer or shorter a generated route may be [m].
+        track: TUM centre-line CSV file to drive on; None draws a road from the seed.
         min_radius: Smallest radius of the centre line [m].
         max_radius: Largest radius of an arc [m].
+        dynamics: physics (four wheels, tyres that slide) or kinematic (for quick tests).
         min_brightness: Darkest light, 0 is a dark evening.
         max_brightness: Brightest light, 1 is noon.
         initial_speed: Speed at the start [m/s].
@@ -47,20 +55,25 @@ class CityConfig:
         lidar_range: [m]
         lidar_noise: Standard deviation of a reading [m].
         lidar_dropout: Probability that a beam returns nothing.
-        lane_offset_noise: Standard deviation of the measured lateral offset [m].
-        lane_heading_noise: Standard deviation of the measured heading error [rad].
-        lane_dropout: Probability that the lane is not seen in a step.
+        lane_sensor: camera measures in the image, odometry is the truth with noise.
+        lane_offset_noise: Standard deviation of the odometry's lateral offset [m].
+        lane_heading_noise: Standard deviation of the odometry's heading error [rad].
+        lane_dropout: Probability that the odometry gives nothing in a step.
         reward: Weights of the reward terms.
+        faults: What is wrong with sensors and actuators.
     """
 
     difficulty: Literal["easy", "paper", "hard"] = "paper"
-    route_length: float = 250.0
-    min_radius: float = 32.0
-    max_radius: float = 150.0
+    route_length: float = 500.0
+    route_spread: float = 100.0
+    track: str | None = None
+    min_radius: float = 25.0
+    max_radius: float = 200.0
+    dynamics: Literal["physics", "kinematic"] = "physics"
     min_brightness: float = 0.0
     max_brightness: float = 1.0
     initial_speed: float = 3.0
-    time_limit: float = 75.0
+    time_limit: float = 120.0
     collision_distance: float = 1.0
     obstacle_sight: float = 25.0
     image_size: int = 64
@@ -69,16 +82,36 @@ class CityConfig:
     lidar_range: float = 40.0
     lidar_noise: float = 0.03
     lidar_dropout: float = 0.01
+    lane_sensor: Literal["camera", "odometry"] = "camera"
     lane_offset_noise: float = 0.06
     lane_heading_noise: float = 0.01
     lane_dropout: float = 0.02
     reward: RewardConfig = field(default_factory=RewardConfig)
+    faults: FaultConfig = field(default_factory=FaultConfig)
 
     def __post_init__(self) -> None:
-        if self.difficulty not in DENSITY:
-            raise ValueError(
-                f"`difficulty` must be one of {sorted(DENSITY)}. Got {self.difficulty!r}."
-            )
+        """Refuse what cannot be, naming the field and the value received."""
+        self._check_choices()
+        self._check_numbers()
+        if self.track is not None:
+            self._check_track(self.track)
+
+    def _check_choices(self) -> None:
+        for name, choices in (
+            ("difficulty", sorted(DENSITY)),
+            ("dynamics", ["kinematic", "physics"]),
+            ("lane_sensor", ["camera", "odometry"]),
+        ):
+            if getattr(self, name) not in choices:
+                raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
+
+    def _check_track(self, track: str) -> None:
+        try:
+            Track.read(track).stretch(0, self.route_length)
+        except TrackError as error:
+            raise ValueError(f"`track` {error}") from None
+
+    def _check_numbers(self) -> None:
         for name in (
             "route_length",
             "min_radius",
@@ -100,6 +133,11 @@ class CityConfig:
                 )
         if self.route_length < 80.0:
             raise ValueError(f"`route_length` must be at least 80 m. Got {self.route_length}.")
+        if not 0.0 <= self.route_spread <= self.route_length - 80.0:
+            raise ValueError(
+                f"`route_spread` must lie in [0, {self.route_length - 80.0}], so that no route is "
+                f"shorter than 80 m. Got {self.route_spread}."
+            )
         if self.min_radius < 25.0:
             raise ValueError(f"`min_radius` must be at least 25 m. Got {self.min_radius}.")
 
@@ -126,8 +164,9 @@ class Scene:
 class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     """Drive to the goal: keep the lane, overtake what stands or crawls in it, touch nothing.
 
-    A curved road with two lanes each way, another one for every seed, in any light from bright
-    day to dark evening; standing cars and barrels, slow cars, oncoming cars. 10 Hz.
+    A curved road with two lanes each way, another one for every seed, or a real one from a file, in
+    any light from bright day to dark evening; standing cars and barrels, slow cars, oncoming cars,
+    pedestrians. 10 Hz. See `docs/city.md`.
 
     Actions, `Box(-1, 1, (2,), float32)`:
 
@@ -194,33 +233,57 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             self.config.lidar_dropout,
         )
         self._camera = Camera(self._world, size, self.config.image_noise)
+        eye = Eye(size, Camera.FORWARD, Camera.HEIGHT - PAINT, Camera.PITCH, Camera.FIELD_OF_VIEW)
+        self._lane_camera = LaneCamera(eye, self.limits.dt)
+        self._track = None if self.config.track is None else Track.read(self.config.track)
+        self.caption = Caption()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Draw a new road, traffic and light and put the car at the start of its lane."""
+        """Draw a new road, traffic and light and put the car at the start of its lane.
+
+        Args:
+            seed: Same seed, same episode.
+            options: `{"stretch": n}` chooses the n-th stretch of a track; the seed does otherwise.
+        """
         super().reset(seed=seed)
         config = self.config
-        layout, self._noise = self.np_random.spawn(2)
-        self._world.clear(GRASS)
-        self._road = Road.generate(
-            layout, config.route_length, config.min_radius, config.max_radius
-        )
+        layout, self._noise, faults = self.np_random.spawn(3)
+        self._world.clear()
+        self._road = self._draw_road(layout, options or {})
         self._scenery = Scenery(self._world, self._road, layout)
         self._traffic = Traffic(self._world, self._road, DENSITY[config.difficulty], layout)
         self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
         self._lane_sensor = LaneSensor(
             self._road, config.lane_offset_noise, config.lane_heading_noise, config.lane_dropout
         )
-        self._vehicle = Vehicle(self._world)
+        self._lane_camera.reset()
+        kind = KinematicVehicle if config.dynamics == "kinematic" else Vehicle
+        self._vehicle = kind(self._world, config.faults.servo_rate)
         x, y, yaw = self._road.pose(0.0, HOME_LANE)
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
         self._command: Array = np.array([0.0, config.initial_speed])
+        self._lag = ActuatorLag(config.faults.actuator_lag, self.limits.dt, self._command)
+        self._faults = SensorFaults(
+            config.faults, self.limits.dt, config.lidar_beams, config.lidar_range, faults
+        )
+        self._lanes: deque[LaneMeasurement | None] = deque(maxlen=config.faults.latency + 1)
         self._at: RoadPoint = self._road.locate(x, y)
+        self.caption = Caption()
         self._sense()
         observation = self._observe()
         return observation, self._info({}, collision=False, off_road=False, success=False)
+
+    def _draw_road(self, rng: np.random.Generator, options: dict[str, Any]) -> Road:
+        """A road from the generator, or a stretch of the track."""
+        config = self.config
+        if self._track is not None:
+            drawn = int(rng.integers(self._track.stretches(config.route_length)))
+            return self._track.stretch(int(options.get("stretch", drawn)), config.route_length)
+        length = config.route_length + float(rng.uniform(-1.0, 1.0)) * config.route_spread
+        return Road.generate(rng, length, config.min_radius, config.max_radius)
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, Info]:
         """Drive for one control period with a normalised action (2,)."""
@@ -232,14 +295,15 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         dt = self.limits.dt
         before = self._command
         self._command = np.array(command, dtype=np.float64)
-        self._traffic.step(dt, self._at)
-        self._vehicle.drive(float(self._command[0]), float(self._command[1]))
-        self._world.step(dt)
+        self._traffic.step(dt, self._at, self._state.speed)
+        steering, speed = self._lag.follow(self._command)
+        self._vehicle.drive(float(steering), float(speed))
+        self._vehicle.advance(dt)
         self._time += dt
         self._sense()
-        touched = bool(self._world.touching(self._vehicle.body))
+        touched = self._vehicle.touches(self._traffic.bodies_near(self._at.s))
         collision = touched or self._clearance < self.config.collision_distance
-        off_road = abs(self._at.d) > HALF_WIDTH
+        off_road = not -HALF_WIDTH <= self._at.d <= self._at.left_edge
         success = self._at.s >= self._road.length and not collision and not off_road
         rate = float(self._command[0] - before[0]) / dt
         terms = self._reward_terms(rate, collision=collision, off_road=off_road, success=success)
@@ -253,7 +317,12 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """The chase view (360, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        return chase_view(self._world, self._state, self._light)
+        return chase_view(self._world, self.scene(), self._light, self.caption)
+
+    @property
+    def brightness(self) -> float:
+        """Of the episode's light, 0 a dark evening, 1 noon."""
+        return self._light.brightness
 
     def close(self) -> None:
         """Leave the physics engine."""
@@ -277,19 +346,32 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._clearance = float(self._scan.min())
 
     def _observe(self) -> Observation:
-        """Draw the noise of every sensor, in the same order with the camera on or off."""
-        rng = self._noise
-        self._lane = self._lane_sensor.measure(self._state, self._at, rng)
-        image = np.zeros((self.config.image_size,) * 2 + (3,), np.uint8)
+        """Draw the noise of every sensor, in the same order with the camera on or off.
+
+        The lane camera needs every image: with it, `camera_on` cannot switch the camera off.
+        """
+        config, rng = self.config, self._noise
+        odometry = self._lane_sensor.measure(self._state, self._at, rng)
+        image = np.zeros((config.image_size,) * 2 + (3,), np.uint8)
         camera_rng = np.random.default_rng(rng.integers(2**63))
-        if self.camera_on:
-            self._scenery.show_around(self._at.s)
+        self._scenery.show_around(self._at.s)
+        if self.camera_on or config.lane_sensor == "camera":
             image = self._camera.measure(self._state, self._light, camera_rng)
-        return {
-            "image": image,
-            "lidar": self._lidar.measure(self._scan, rng),
-            "speed": np.array([self._state.speed], dtype=np.float32),
-        }
+        observation = self._faults.apply(
+            {
+                "image": image,
+                "lidar": self._lidar.measure(self._scan, rng),
+                "speed": np.array([self._state.speed], dtype=np.float32),
+            }
+        )
+        if config.lane_sensor == "camera":
+            speed = float(observation["speed"][0])
+            yaw_rate = speed * float(np.tan(self._command[0])) / self.limits.wheelbase
+            self._lane = self._lane_camera.measure(observation["image"], speed, yaw_rate)
+        else:
+            self._lanes.append(odometry)
+            self._lane = self._lanes[0]
+        return observation
 
     def _reward_terms(
         self, steering_rate: float, *, collision: bool, off_road: bool, success: bool

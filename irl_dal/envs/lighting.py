@@ -33,6 +33,7 @@ def daylight(brightness: float, azimuth: float) -> Illumination:
         ambient=0.55,
         diffuse=0.45,
         sky=_mix((0.05, 0.06, 0.13), (0.56, 0.75, 0.93), brightness),
+        brightness=brightness,
     )
 
 

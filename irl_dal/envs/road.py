@@ -1,7 +1,7 @@
-"""The road: a centre line with curvature, drawn from a random generator, and its lanes.
+"""The road: a centre line with curvature and the width to both sides of it.
 
 Curvilinear coordinates: `s` [m] along the yellow centre line, `d` [m] to its left. Traffic keeps
-right: the ego's lanes lie at negative `d`.
+right: the ego's two lanes lie at negative `d`, the edge of the road 7 m to the right of the line.
 """
 
 from __future__ import annotations
@@ -28,13 +28,16 @@ PASSING_LANE = -0.5 * LANE_WIDTH
 """`d` of the inner lane of the same direction [m]."""
 
 HALF_WIDTH = LANES_PER_DIRECTION * LANE_WIDTH
-"""From the centre line to the edge [m]."""
+"""From the centre line to the right-hand edge, on generated roads to both edges [m]."""
 
 LEAD_IN = 25.0
 """Road behind the start [m]."""
 
 LEAD_OUT = 90.0
 """Road beyond the goal [m]: as far as the camera sees."""
+
+_ATTEMPTS = 200
+"""Roads drawn before it is said that none fits; about one in thirty meets itself."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +50,7 @@ class RoadPoint:
         heading: Direction of the centre line there [rad].
         curvature: Of the centre line, positive to the left [1/m].
         index: Nearest point of the centre line, a hint for the next look-up.
+        left_edge: `d` of the left-hand edge there [m].
     """
 
     s: float
@@ -54,60 +58,77 @@ class RoadPoint:
     heading: float
     curvature: float
     index: int
+    left_edge: float = HALF_WIDTH
 
 
 class Road:
     """A centre line sampled every 0.5 m.
 
     Args:
-        curvature: Curvature at each point (n,) [1/m], the first one `LEAD_IN` before the start.
+        points: Centre line (n, 2) [m], the first point `LEAD_IN` before the start.
+        heading: Its direction (n,) [rad], without jumps of 2 pi.
+        curvature: Its curvature (n,) [1/m].
         length: Distance from start to goal [m].
+        left_edge: `d` of the left-hand edge (n,) [m]; None for `HALF_WIDTH`.
     """
 
-    def __init__(self, curvature: Array, length: float) -> None:
-        steps = curvature * SPACING
-        heading: Array = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]))])
-        midway = 0.5 * (heading[1:] + heading[:-1])
-        x = np.concatenate([[0.0], np.cumsum(SPACING * np.cos(midway))])
-        y = np.concatenate([[0.0], np.cumsum(SPACING * np.sin(midway))])
+    def __init__(
+        self,
+        points: Array,
+        heading: Array,
+        curvature: Array,
+        length: float,
+        left_edge: Array | None = None,
+    ) -> None:
         self.length = length
         self.s: Array = SPACING * np.arange(len(curvature), dtype=np.float64) - LEAD_IN
-        self.points: Array = np.stack([x, y], axis=1)
-        self.heading: Array = heading
-        self.curvature: Array = curvature.astype(np.float64)
-        for array in (self.s, self.points, self.heading, self.curvature):
+        self.points: Array = np.array(points, dtype=np.float64)
+        self.heading: Array = np.array(heading, dtype=np.float64)
+        self.curvature: Array = np.array(curvature, dtype=np.float64)
+        wide = np.full(len(curvature), HALF_WIDTH)
+        self.left_edge: Array = wide if left_edge is None else np.array(left_edge)
+        for array in (self.s, self.points, self.heading, self.curvature, self.left_edge):
             array.setflags(write=False)
 
     @classmethod
     def generate(
         cls, rng: np.random.Generator, length: float, min_radius: float, max_radius: float
     ) -> Road:
-        """Draw straights, arcs and the transitions between them.
-
-        Every arc turns towards the heading that the road began with once it is more than 50
-        degrees away from it: the road never meets itself.
+        """Draw straights, arcs and transitions until the road meets itself nowhere.
 
         Args:
             rng: Source of the draws.
             length: Distance from start to goal [m].
             min_radius: Smallest radius of the centre line [m].
             max_radius: Largest radius of an arc [m].
+
+        Raises:
+            ValueError: No such road was found.
         """
-        total = LEAD_IN + length + LEAD_OUT
-        profile = [np.zeros(int((LEAD_IN + 15.0) / SPACING))]
-        heading, covered = 0.0, LEAD_IN + 15.0
-        while covered < total:
-            straight = np.zeros(int(rng.uniform(10.0, 45.0) / SPACING))
-            radius = float(np.exp(rng.uniform(np.log(min_radius), np.log(max_radius))))
-            sign = -np.sign(heading) if abs(heading) > np.deg2rad(50.0) else rng.choice([-1.0, 1.0])
-            angle = rng.uniform(np.deg2rad(15.0), np.deg2rad(75.0))
-            ramp = np.linspace(0.0, 1.0, int(12.0 / SPACING), endpoint=False)
-            arc = np.ones(int(max(radius * angle - 12.0, 4.0) / SPACING))
-            bend = sign / radius * np.concatenate([ramp, arc, ramp[::-1]])
-            heading += float(bend.sum() * SPACING)
-            profile += [straight, bend]
-            covered += (len(straight) + len(bend)) * SPACING
-        return cls(np.concatenate(profile)[: int(total / SPACING)], length)
+        for _ in range(_ATTEMPTS):
+            road = cls._from_curvature(_profile(rng, length, min_radius, max_radius), length)
+            if road.is_simple():
+                return road
+        raise ValueError(
+            f"`route_length` {length} m: no road that does not meet itself was found with "
+            f"`min_radius` {min_radius} and `max_radius` {max_radius} m."
+        )
+
+    @classmethod
+    def _from_curvature(cls, curvature: Array, length: float) -> Road:
+        steps = curvature * SPACING
+        heading: Array = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]))])
+        midway = 0.5 * (heading[1:] + heading[:-1])
+        x = np.concatenate([[0.0], np.cumsum(SPACING * np.cos(midway))])
+        y = np.concatenate([[0.0], np.cumsum(SPACING * np.sin(midway))])
+        return cls(np.stack([x, y], axis=1), heading, curvature, length)
+
+    def is_simple(self) -> bool:
+        """Whether points 60 m apart along the road keep 32 m on the ground."""
+        points, s = self.points[::8], self.s[::8]
+        gap = np.abs(points[:, None] - points[None])
+        near = np.einsum("ijk,ijk->ij", gap, gap) < 32.0**2
+        return not bool((near & (np.abs(s[:, None] - s[None]) > 60.0)).any())
 
     def locate(self, x: float, y: float, hint: int | None = None) -> RoadPoint:
         """Find the nearest point of the centre line.
@@ -127,26 +148,62 @@ class Road:
         along = float(np.cos(heading) * dx + np.sin(heading) * dy)
         left = float(-np.sin(heading) * dx + np.cos(heading) * dy)
         curvature = float(self.curvature[index])
+        along /= max(0.2, 1.0 - curvature * left)
         return RoadPoint(
             s=float(self.s[index]) + along,
             d=left,
             heading=heading + curvature * along,
             curvature=curvature,
             index=index,
+            left_edge=float(self.left_edge[index]),
         )
 
     def pose(self, s: float, d: float) -> tuple[float, float, float]:
         """Position and heading (x, y, yaw) [m, m, rad] of the point at (`s`, `d`)."""
-        at = np.clip(s, self.s[0], self.s[-1])
-        yaw = float(np.interp(at, self.s, self.heading))
-        x = float(np.interp(at, self.s, self.points[:, 0])) - d * np.sin(yaw)
-        y = float(np.interp(at, self.s, self.points[:, 1])) + d * np.cos(yaw)
-        return float(x), float(y), yaw
+        place = min(max((s - self.s[0]) / SPACING, 0.0), len(self.s) - 1.001)
+        index = int(place)
+        share = place - index
+        yaw, x, y = (
+            (1.0 - share) * float(row[index]) + share * float(row[index + 1])
+            for row in (self.heading, self.points[:, 0], self.points[:, 1])
+        )
+        return float(x - d * np.sin(yaw)), float(y + d * np.cos(yaw)), float(yaw)
 
-    def line(self, start: float, stop: float, d: float, step: float) -> Array:
+    def line(self, start: float, stop: float, d: float | Array, step: float) -> Array:
         """Points (n, 2) [m] of the line at offset `d` from `start` to `stop`."""
-        at = np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
+        at = stations(start, stop, step)
         yaw = np.interp(at, self.s, self.heading)
         x = np.interp(at, self.s, self.points[:, 0]) - d * np.sin(yaw)
         y = np.interp(at, self.s, self.points[:, 1]) + d * np.cos(yaw)
         return np.stack([x, y], axis=1)
+
+    def left_line(self, start: float, stop: float, inset: float, step: float) -> Array:
+        """Points (n, 2) [m] of the line `inset` [m] to the right of the left-hand edge."""
+        edge = np.interp(stations(start, stop, step), self.s, self.left_edge)
+        return self.line(start, stop, edge - inset, step)
+
+
+def stations(start: float, stop: float, step: float) -> Array:
+    """Equal steps of about `step` from `start` to `stop` [m], both included."""
+    return np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
+
+
+def _profile(
+    rng: np.random.Generator, length: float, min_radius: float, max_radius: float
+) -> Array:
+    """Curvature every 0.5 m; bends turn back to the first heading once they are 50 degrees off."""
+    total = LEAD_IN + length + LEAD_OUT
+    profile = [np.zeros(int((LEAD_IN + 15.0) / SPACING))]
+    heading, covered = 0.0, LEAD_IN + 15.0
+    while covered < total:
+        straight = np.zeros(int(rng.uniform(10.0, 45.0) / SPACING))
+        radius = float(np.exp(rng.uniform(np.log(min_radius), np.log(max_radius))))
+        sign = -np.sign(heading) if abs(heading) > np.deg2rad(50.0) else rng.choice([-1.0, 1.0])
+        angle = rng.uniform(np.deg2rad(15.0), np.deg2rad(75.0))
+        ramp = np.linspace(0.0, 1.0, int(15.0 / SPACING), endpoint=False)
+        arc = np.ones(int(max(radius * angle - 15.0, 4.0) / SPACING))
+        bend = sign / radius * np.concatenate([ramp, arc, ramp[::-1]])
+        heading += float(bend.sum() * SPACING)
+        profile += [straight, bend]
+        covered += (len(straight) + len(bend)) * SPACING
+    return np.concatenate(profile)[: int(total / SPACING)]

@@ -1,10 +1,12 @@
-"""What the camera sees of the road: asphalt, lines and houses, only around the car.
+"""What stands beside the road and what is painted on it, only around the car.
 
-Triangles are what the software renderer costs, so the road is drawn in pieces that come and go
-with the car.
+Triangles and bodies are what the software renderer costs, so the road is drawn in pieces that come
+and go with the car, with the houses and trees beside them.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,8 +15,12 @@ from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
 from irl_dal.envs.world import Colour, World
 
 Array = NDArray[np.float64]
+Strip = tuple[Array, NDArray[np.int64]]
 
-PIECE = 20.0
+STEP = 3.0
+"""Edge length of the road's triangles along it [m]."""
+
+PIECE = 30.0
 """Length of road drawn as one piece [m]."""
 
 BEHIND, AHEAD = 15.0, 75.0
@@ -23,8 +29,20 @@ BEHIND, AHEAD = 15.0, 75.0
 DASH, GAP = 3.0, 4.5
 """Dashed lane line: painted and unpainted length [m]."""
 
-LINE_WIDTH, CENTRE_WIDTH = 0.15, 0.24
-"""White lines and the yellow centre line [m]."""
+LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40
+"""White lines and the yellow centre line [m], as wide as a double line with its gap."""
+
+EDGE_LINE = HALF_WIDTH - 0.15
+"""Middle of the solid white line at the edge, from the centre line [m]."""
+
+LAWN = 250.0
+"""Half the edge of the lawn around the car [m]."""
+
+GUTTER = 0.4
+"""Width of the kerb [m]."""
+
+PAINT = 0.04
+"""Height of the lines above the ground [m]: the renderer's depth buffer needs the distance."""
 
 ASPHALT: Colour = (0.27, 0.27, 0.29)
 GRASS: Colour = (0.24, 0.42, 0.18)
@@ -33,7 +51,7 @@ WHITE: Colour = (0.92, 0.92, 0.92)
 YELLOW: Colour = (0.95, 0.75, 0.05)
 
 
-def ribbon(left: Array, right: Array, height: float) -> tuple[Array, NDArray[np.int64]]:
+def ribbon(left: Array, right: Array, height: float) -> Strip:
     """Flat strip between two lines (n, 2): vertices (2n, 3) and triangles (2n-2, 3)."""
     n = len(left)
     vertices = np.empty((2 * n, 3))
@@ -44,20 +62,43 @@ def ribbon(left: Array, right: Array, height: float) -> tuple[Array, NDArray[np.
     return vertices, triangles
 
 
+@dataclass(frozen=True, slots=True)
+class Plant:
+    """A house or a tree.
+
+    Attributes:
+        x: Position [m].
+        y: Position [m].
+        yaw: Direction of its walls [rad].
+        size: Width, depth, height of a house; trunk radius, crown radius, height of a tree [m].
+        colour: Of walls or crown.
+        tree: Which of the two it is.
+    """
+
+    x: float
+    y: float
+    yaw: float
+    size: tuple[float, float, float]
+    colour: Colour
+    tree: bool
+
+
 class Scenery:
     """Keeps the pieces of road around the car in the world.
 
     Args:
         world: Where to draw.
         road: What to draw.
-        rng: Source of the houses' places, sizes and colours.
+        rng: Source of the places, sizes and colours of houses and trees.
     """
 
     def __init__(self, world: World, road: Road, rng: np.random.Generator) -> None:
         self._world = world
         self._road = road
         self._pieces: dict[int, list[int]] = {}
-        self._plant_houses(rng)
+        self._plants: dict[int, list[Plant]] = {}
+        self._lawn: int | None = None
+        self._plan(rng)
 
     def show_around(self, s: float) -> None:
         """Draw the pieces from 15 m behind `s` [m] to 75 m ahead and take the others away."""
@@ -66,57 +107,121 @@ class Scenery:
         for piece in [p for p in self._pieces if not first <= p <= last]:
             for body in self._pieces.pop(piece):
                 self._world.remove(body)
-        for piece in range(first, last + 1):
-            if piece not in self._pieces:
-                self._pieces[piece] = self._draw(piece)
+        missing = [p for p in range(first, last + 1) if p not in self._pieces]
+        for piece in missing:
+            beside = [b for plant in self._plants.get(piece, ()) for b in self._build(plant)]
+            self._pieces[piece] = self._draw(piece) + beside
+        if missing:
+            self._draw_lawn(s)
+
+    def _draw_lawn(self, s: float) -> None:
+        """Grass as far as the camera sees; last, so that it is drawn only where it shows."""
+        if self._lawn is not None:
+            self._world.remove(self._lawn)
+        x, y, _ = self._road.pose(s, 0.0)
+        corners = np.array([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
+        vertices = np.concatenate([LAWN * corners + (x, y), np.full((4, 1), -0.01)], axis=1)
+        self._lawn = self._world.mesh(vertices, np.array([[0, 1, 2], [1, 3, 2]]), GRASS)
 
     def _draw(self, piece: int) -> list[int]:
-        start = max(piece * PIECE, float(self._road.s[0]))
-        stop = min((piece + 1) * PIECE, float(self._road.s[-1]))
+        road = self._road
+        start = max(piece * PIECE, float(road.s[0]))
+        stop = min((piece + 1) * PIECE, float(road.s[-1]))
         if stop - start < 1.0:
             return []
-        edge = HALF_WIDTH - 0.15
-        solid = [self._strip(start, stop, d, LINE_WIDTH, 0.04) for d in (-edge, edge)]
         period = DASH + GAP
         dashes = np.arange(np.ceil(start / period) * period, stop, period)
+        offsets = [-LANE_WIDTH]
+        if float(np.interp([start, stop], road.s, road.left_edge).min()) > 1.8 * LANE_WIDTH:
+            offsets.append(LANE_WIDTH)
         broken = [
-            self._strip(s, min(s + DASH, float(self._road.s[-1])), d, LINE_WIDTH, 0.04)
+            self._strip(s, min(s + DASH, float(road.s[-1])), d, LINE_WIDTH, PAINT)
             for s in dashes
-            for d in (-LANE_WIDTH, LANE_WIDTH)
+            for d in offsets
+        ]
+        inset = HALF_WIDTH - EDGE_LINE
+        edges = [
+            self._strip(start, stop, -EDGE_LINE, LINE_WIDTH, PAINT),
+            ribbon(
+                road.left_line(start, stop, inset - 0.5 * LINE_WIDTH, STEP),
+                road.left_line(start, stop, inset + 0.5 * LINE_WIDTH, STEP),
+                PAINT,
+            ),
+        ]
+        kerbs = [
+            self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, 0.02),
+            ribbon(
+                road.left_line(start, stop, -GUTTER, STEP),
+                road.left_line(start, stop, 0.0, STEP),
+                0.02,
+            ),
         ]
         return [
-            self._mesh([self._strip(start, stop, 0.0, 2.0 * HALF_WIDTH + 0.8, 0.0)], KERB),
-            self._mesh([self._strip(start, stop, 0.0, 2.0 * HALF_WIDTH, 0.02)], ASPHALT),
-            self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, 0.04)], YELLOW),
-            self._mesh(solid + broken, WHITE),
+            self._mesh(edges + broken, WHITE),
+            self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
+            self._mesh([self._bed(start, stop)], ASPHALT),
+            self._mesh(kerbs, KERB),
         ]
 
-    def _strip(
-        self, start: float, stop: float, d: float, width: float, height: float
-    ) -> tuple[Array, NDArray[np.int64]]:
-        left = self._road.line(start, stop, d + 0.5 * width, 4.0)
-        right = self._road.line(start, stop, d - 0.5 * width, 4.0)
+    def _bed(self, start: float, stop: float) -> Strip:
+        """The road from edge to edge."""
+        left = self._road.left_line(start, stop, 0.0, STEP)
+        right = self._road.line(start, stop, -HALF_WIDTH, STEP)
+        return ribbon(left, right, 0.02)
+
+    def _strip(self, start: float, stop: float, d: float, width: float, height: float) -> Strip:
+        left = self._road.line(start, stop, d + 0.5 * width, STEP)
+        right = self._road.line(start, stop, d - 0.5 * width, STEP)
         return ribbon(left, right, height)
 
-    def _mesh(self, strips: list[tuple[Array, NDArray[np.int64]]], colour: Colour) -> int:
+    def _mesh(self, strips: list[Strip], colour: Colour) -> int:
         offsets = np.cumsum([0] + [len(v) for v, _ in strips[:-1]])
         vertices = np.concatenate([v for v, _ in strips])
         triangles = np.concatenate([t + o for (_, t), o in zip(strips, offsets, strict=True)])
         return self._world.mesh(vertices, triangles, colour)
 
-    def _plant_houses(self, rng: np.random.Generator) -> None:
-        """Solid boxes on both sides, at least 6 m from the edge of the road."""
+    def _plan(self, rng: np.random.Generator) -> None:
+        """Choose houses at least 6 m and trees at least 3 m from the edge of the road."""
         s = 0.0
-        while s < self._road.length + 40.0:
-            s += float(rng.uniform(18.0, 40.0))
+        while s < self._road.length + 60.0:
+            s += float(rng.uniform(8.0, 22.0))
+            plant, room = _house(rng) if rng.random() < 0.4 else _tree(rng)
             side = float(rng.choice([-1.0, 1.0]))
-            depth, width, height = rng.uniform((6.0, 8.0, 4.0), (10.0, 16.0, 10.0))
-            d = side * (HALF_WIDTH + 6.0 + 0.5 * depth + float(rng.uniform(0.0, 6.0)))
+            edge = (
+                HALF_WIDTH
+                if side < 0.0
+                else float(np.interp(s, self._road.s, self._road.left_edge))
+            )
+            d = side * (edge + room + float(rng.uniform(0.0, 6.0)))
             x, y, yaw = self._road.pose(s, d)
             away = np.hypot(*(self._road.points - (x, y)).T).min()
-            shade = rng.uniform((0.45, 0.35, 0.30), (0.75, 0.65, 0.60))
-            if away < HALF_WIDTH + 4.0 + 0.5 * float(np.hypot(depth, width)):
+            if away < min(abs(d) - 0.5, HALF_WIDTH + room):
                 continue
-            colour = (float(shade[0]), float(shade[1]), float(shade[2]))
-            house = self._world.box((width, depth, height), colour)
-            self._world.move(house, (x, y, 0.5 * float(height)), yaw)
+            placed = replace(plant, x=x, y=y, yaw=yaw)
+            self._plants.setdefault(int(np.floor(s / PIECE)), []).append(placed)
+
+    def _build(self, plant: Plant) -> list[int]:
+        width, depth, height = plant.size
+        if plant.tree:
+            trunk = self._world.cylinder(width, 0.4 * height, (0.30, 0.22, 0.15))
+            crown = self._world.cylinder(depth, 0.65 * height, plant.colour, solid=False)
+            self._world.move(trunk, (plant.x, plant.y, 0.2 * height), plant.yaw)
+            self._world.move(crown, (plant.x, plant.y, 0.65 * height), plant.yaw)
+            return [trunk, crown]
+        house = self._world.box(plant.size, plant.colour)
+        self._world.move(house, (plant.x, plant.y, 0.5 * height), plant.yaw)
+        return [house]
+
+
+def _house(rng: np.random.Generator) -> tuple[Plant, float]:
+    """A house somewhere, and how far from the edge its middle has to be [m]."""
+    width, depth, height = (float(v) for v in rng.uniform((8.0, 6.0, 4.0), (16.0, 10.0, 10.0)))
+    r, g, b = (float(v) for v in rng.uniform((0.45, 0.35, 0.30), (0.75, 0.65, 0.60)))
+    return Plant(0.0, 0.0, 0.0, (width, depth, height), (r, g, b), tree=False), 6.0 + 0.5 * depth
+
+
+def _tree(rng: np.random.Generator) -> tuple[Plant, float]:
+    trunk, crown, height = (float(v) for v in rng.uniform((0.15, 1.0, 3.5), (0.30, 2.2, 7.0)))
+    green = float(rng.uniform(0.26, 0.42))
+    colour = (0.45 * green, green, 0.35 * green)
+    return Plant(0.0, 0.0, 0.0, (trunk, crown, height), colour, tree=True), 2.0 + crown

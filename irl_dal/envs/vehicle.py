@@ -1,11 +1,12 @@
-"""The ego car: four wheels under Bullet's physics.
+"""The ego car: four wheels under Bullet's physics, or a kinematic bicycle for quick tests.
 
 A low-level controller turns a command [steering, speed] into hinge and wheel motors.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -71,10 +72,13 @@ class Vehicle:
 
     Args:
         world: Physics in which it drives.
+        servo_rate: Turning rate of the steering hinges [rad/s].
     """
 
-    def __init__(self, world: World) -> None:
+    def __init__(self, world: World, servo_rate: float = SERVO_RATE) -> None:
         self._world = world
+        self._servo_rate = servo_rate
+        self._speed = 0.0
         self.body = world.car()
         joints = world.joints(self.body)
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
@@ -94,6 +98,7 @@ class Vehicle:
             self._world.set_joint(self.body, joint, 0.0, 0.0)
         for joint in self._spin:
             self._world.set_joint(self.body, joint, 0.0, speed / WHEEL_RADIUS)
+        self._speed = speed
         self.drive(0.0, speed)
 
     def drive(self, steering: float, speed: float) -> None:
@@ -110,14 +115,28 @@ class Vehicle:
         half = 0.5 * TRACK
         for joint, y in zip(self._steer, (half, -half), strict=True):
             angle = float(np.arctan2(WHEELBASE * curvature, 1.0 - y * curvature))
-            self._world.hinge(self.body, joint, angle, SERVO_RATE, SERVO_TORQUE)
-        faster = speed > self.state().speed
+            self._world.hinge(self.body, joint, angle, self._servo_rate, SERVO_TORQUE)
+        faster = speed > self._speed
         pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
         torque = 0.25 * MASS * pull * WHEEL_RADIUS
         wheels = ((WHEELBASE, half), (WHEELBASE, -half), (0.0, half), (0.0, -half))
         for joint, (x, y) in zip(self._spin, wheels, strict=True):
             own = speed * float(np.hypot(1.0 - y * curvature, x * curvature))
             self._world.spin(self.body, joint, own / WHEEL_RADIUS, torque)
+
+    def advance(self, duration: float) -> None:
+        """Let the world go on for `duration` [s]."""
+        self._world.step(duration)
+
+    def touches(self, others: Iterable[int]) -> bool:
+        """Whether the car touches anything but the ground."""
+        del others  # the engine knows
+        return bool(self._world.touching(self.body))
+
+    def steering(self) -> float:
+        """Angle of the bicycle's front wheel as the hinges stand [rad]."""
+        left, right = (self._world.joint_angle(self.body, joint) for joint in self._steer)
+        return float(np.arctan(0.5 * (np.tan(left) + np.tan(right))))
 
     def state(self) -> VehicleState:
         """Where the car is and how it moves."""
@@ -126,12 +145,79 @@ class Vehicle:
         yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         rear = position[:2] - CENTRE_OF_MASS * ahead
+        self._speed = float(ahead @ linear[:2])
         sideways = float(-ahead[1] * linear[0] + ahead[0] * linear[1])
         return VehicleState(
             x=float(rear[0]),
             y=float(rear[1]),
             yaw=yaw,
-            speed=float(ahead @ linear[:2]),
+            speed=self._speed,
             yaw_rate=float(angular[2]),
             lateral_speed=sideways - CENTRE_OF_MASS * float(angular[2]),
         )
+
+
+class KinematicVehicle(Vehicle):
+    """A bicycle that does exactly what it is told: `env.dynamics=kinematic`.
+
+    It has the car's looks but no mass: it moves on circles of the commanded steering at the
+    commanded speed.
+
+    Args:
+        world: World in which it is seen.
+        servo_rate: Turning rate of the steering [rad/s].
+    """
+
+    STEPS = 10
+    """Integration steps in one call of `advance`."""
+
+    def __init__(self, world: World, servo_rate: float = SERVO_RATE) -> None:
+        super().__init__(world, servo_rate)
+        self._state = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+        self._angle = 0.0
+        self._wanted = 0.0
+
+    def place(self, x: float, y: float, yaw: float, speed: float) -> None:
+        """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
+        self._state = VehicleState(x, y, yaw, speed, 0.0, 0.0)
+        self._angle = self._wanted = 0.0
+        self._show()
+
+    def drive(self, steering: float, speed: float) -> None:
+        """Take a command [rad, m/s]; the speed is there at once."""
+        self._wanted = steering
+        self._state = replace(self._state, speed=speed)
+
+    def advance(self, duration: float) -> None:
+        """Integrate the bicycle for `duration` [s]."""
+        dt = duration / self.STEPS
+        now = self._state
+        x, y, yaw, rate = now.x, now.y, now.yaw, 0.0
+        for _ in range(self.STEPS):
+            change = self._servo_rate * dt
+            self._angle += float(np.clip(self._wanted - self._angle, -change, change))
+            rate = now.speed * float(np.tan(self._angle)) / WHEELBASE
+            middle = yaw + 0.5 * rate * dt
+            x += now.speed * dt * float(np.cos(middle))
+            y += now.speed * dt * float(np.sin(middle))
+            yaw += rate * dt
+        self._state = VehicleState(x, y, yaw, now.speed, rate, 0.0)
+        self._show()
+
+    def touches(self, others: Iterable[int]) -> bool:
+        """Whether the car's body overlaps one of the bodies `others`."""
+        return any(self._world.overlaps(self.body, other) for other in others)
+
+    def steering(self) -> float:
+        """Angle of the bicycle's front wheel [rad]."""
+        return self._angle
+
+    def state(self) -> VehicleState:
+        """Where the car is and how it moves."""
+        return self._state
+
+    def _show(self) -> None:
+        now = self._state
+        ahead = CENTRE_OF_MASS * np.array([np.cos(now.yaw), np.sin(now.yaw)])
+        at = (now.x + float(ahead[0]), now.y + float(ahead[1]), 0.45)
+        self._world.move(self.body, at, now.yaw)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -13,19 +14,20 @@ from numpy.typing import NDArray
 
 
 @contextmanager
-def _silent_stderr() -> Iterator[None]:
-    """Close the C side of stderr: pybullet greets there with its build time when imported."""
-    kept = os.dup(2)
-    with open(os.devnull, "w") as nowhere:
-        os.dup2(nowhere.fileno(), 2)
+def _quiet() -> Iterator[None]:
+    """Close stderr's file descriptor to what C code prints into it."""
+    sys.stderr.flush()
+    saved, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:
+        os.dup2(nowhere, 2)
         yield
     finally:
-        os.dup2(kept, 2)
-        os.close(kept)
+        os.dup2(saved, 2)
+        os.close(saved)
+        os.close(nowhere)
 
 
-with _silent_stderr():
+with _quiet():  # it tells its build time on stderr
     import pybullet
 
 Array = NDArray[np.float64]
@@ -77,6 +79,7 @@ class Illumination:
         ambient: Share of light that falls on every face.
         diffuse: Share of light that depends on the face's inclination.
         sky: RGB in [0, 1] of what no body covers.
+        brightness: Time of day that it stands for, 0 a dark evening, 1 noon.
     """
 
     direction: Sequence[float]
@@ -84,6 +87,7 @@ class Illumination:
     ambient: float
     diffuse: float
     sky: Colour
+    brightness: float = 1.0
 
 
 class World:
@@ -92,8 +96,8 @@ class World:
     def __init__(self) -> None:
         self._client: int = pybullet.connect(pybullet.DIRECT)
 
-    def clear(self, ground: Colour) -> None:
-        """Remove every body and start again with gravity and flat ground of one colour."""
+    def clear(self) -> None:
+        """Remove every body and start again with gravity and flat, invisible ground."""
         c = self._client
         pybullet.resetSimulation(physicsClientId=c)
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=c)
@@ -104,14 +108,14 @@ class World:
             physicsClientId=c,
         )
         plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=c)
-        lawn = pybullet.createVisualShape(
+        # Without a visual shape of its own the engine would draw the plane.
+        speck = pybullet.createVisualShape(
             pybullet.GEOM_BOX,
-            halfExtents=[1000.0, 1000.0, 0.01],
-            visualFramePosition=[0.0, 0.0, -0.02],
-            rgbaColor=[*ground, 1.0],
+            halfExtents=[0.01] * 3,
+            visualFramePosition=[0.0, 0.0, -50.0],
             physicsClientId=c,
         )
-        floor = pybullet.createMultiBody(0.0, plane, lawn, physicsClientId=c)
+        floor = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=c)
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=c)
 
     def close(self) -> None:
@@ -141,16 +145,20 @@ class World:
         )
         return int(pybullet.createMultiBody(0.0, shape, visual, physicsClientId=c))
 
-    def cylinder(self, radius: float, height: float, colour: Colour) -> int:
-        """Add a static upright cylinder [m], to be placed with `move`."""
+    def cylinder(self, radius: float, height: float, colour: Colour, *, solid: bool = True) -> int:
+        """Add a static upright cylinder [m], drawn with eight sides, to be placed with `move`."""
         c = self._client
-        shape = pybullet.createCollisionShape(
-            pybullet.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=c
-        )
+        shape = -1
+        if solid:
+            shape = pybullet.createCollisionShape(
+                pybullet.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=c
+            )
+        vertices, normals, triangles = _prism(radius, height)
         visual = pybullet.createVisualShape(
-            pybullet.GEOM_CYLINDER,
-            radius=radius,
-            length=height,
+            pybullet.GEOM_MESH,
+            vertices=vertices.tolist(),
+            indices=triangles.ravel().tolist(),
+            normals=normals.tolist(),
             rgbaColor=[*colour, 1.0],
             physicsClientId=c,
         )
@@ -232,6 +240,10 @@ class World:
         """Put a joint at `angle` [rad], turning at `rate` [rad/s]."""
         pybullet.resetJointState(body, joint, angle, rate, physicsClientId=self._client)
 
+    def joint_angle(self, body: int, joint: int) -> float:
+        """Angle of a joint [rad]."""
+        return float(pybullet.getJointState(body, joint, physicsClientId=self._client)[0])
+
     def set_velocity(self, body: int, linear: Sequence[float]) -> None:
         """Give a body the linear velocity (3,) [m/s] and no rotation."""
         pybullet.resetBaseVelocity(body, linear, [0.0, 0.0, 0.0], physicsClientId=self._client)
@@ -259,6 +271,11 @@ class World:
         """Bodies in contact with `body`, the ground (body 0) left out."""
         contacts = pybullet.getContactPoints(bodyA=body, physicsClientId=self._client)
         return {int(row[2]) for row in contacts} - {0, body}
+
+    def overlaps(self, body: int, other: int) -> bool:
+        """Whether two bodies touch, also where both are static and the engine does not ask."""
+        points = pybullet.getClosestPoints(body, other, 0.0, physicsClientId=self._client)
+        return bool(points)
 
     def rays(self, origin: Array, ends: Array) -> Array:
         """Share of each ray's length that is free: `origin` (3,), `ends` (n, 3) → (n,)."""
@@ -291,6 +308,27 @@ class World:
             physicsClientId=self._client,
         )
         shape = (camera.height, camera.width)
-        image = np.array(rgba, dtype=np.uint8).reshape(*shape, 4)[..., :3].copy()
+        image = np.asarray(rgba, dtype=np.uint8).reshape(*shape, 4)[..., :3].copy()
         image[np.reshape(depth, shape) >= 1.0] = np.round(255.0 * np.array(light.sky))
         return image
+
+
+def _prism(radius: float, height: float, sides: int = 8) -> tuple[Array, Array, NDArray[np.int64]]:
+    """Side faces and lid of an upright prism: vertices, normals (n, 3) and triangles (m, 3)."""
+    angle = 2.0 * np.pi * np.arange(sides + 1) / sides
+    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    vertices: list[tuple[float, ...]] = []
+    normals: list[tuple[float, ...]] = []
+    triangles: list[tuple[int, ...]] = []
+    for k in range(sides):
+        middle = 0.5 * (angle[k] + angle[k + 1])
+        corners = [(*(radius * rim[i]), z) for z in (-0.5, 0.5) for i in (k, k + 1)]
+        first = len(vertices)
+        vertices += [(x, y, height * z) for x, y, z in corners]
+        normals += [(np.cos(middle), np.sin(middle), 0.0)] * 4
+        triangles += [(first, first + 1, first + 2), (first + 1, first + 3, first + 2)]
+    first = len(vertices)
+    vertices += [(*(radius * point), 0.5 * height) for point in rim[:-1]]
+    normals += [(0.0, 0.0, 1.0)] * sides
+    triangles += [(first, first + k, first + k + 1) for k in range(1, sides - 1)]
+    return np.array(vertices), np.array(normals), np.array(triangles)

@@ -151,7 +151,7 @@ def test_yellow_centre_line_is_seen_in_every_light(env: CityEnv) -> None:
         ("lidar_dropout", 1.5),
         ("min_radius", 3.0),
         ("time_limit", 0.0),
-        ("max_radius", 26.0),
+        ("max_radius", 24.0),
     ],
 )
 def test_nonsense_is_refused_by_name(field: str, value: object) -> None:

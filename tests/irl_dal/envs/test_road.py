@@ -8,7 +8,7 @@ from irl_dal.envs.road import HALF_WIDTH, Road
 
 @pytest.fixture(params=range(8))
 def road(request: pytest.FixtureRequest) -> Road:
-    return Road.generate(np.random.default_rng(request.param), 250.0, 32.0, 150.0)
+    return Road.generate(np.random.default_rng(request.param), 600.0, 25.0, 200.0)
 
 
 def test_same_generator_same_road() -> None:
@@ -22,13 +22,13 @@ def test_same_generator_same_road() -> None:
 
 def test_radius_is_kept(road: Road) -> None:
     """No bend is tighter than the smallest radius, and the road is not straight."""
-    assert np.abs(road.curvature).max() <= 1.0 / 32.0 + 1e-12
-    assert np.abs(road.curvature).max() > 1.0 / 150.0 - 1e-12
+    assert np.abs(road.curvature).max() <= 1.0 / 25.0 + 1e-12
+    assert np.abs(road.curvature).max() > 1.0 / 200.0 - 1e-12
 
 
 def test_locate_inverts_pose(road: Road) -> None:
     """A point placed at (s, d) is found at (s, d), with and without a hint."""
-    for s in np.linspace(0.0, 250.0, 23):
+    for s in np.linspace(0.0, 600.0, 23):
         for d in (-6.0, -1.75, 0.0, 5.0):
             x, y, yaw = road.pose(float(s), d)
             found = road.locate(x, y)

@@ -12,7 +12,7 @@ from irl_dal.envs.world import World
 @pytest.fixture
 def world() -> Iterator[World]:
     world = World()
-    world.clear((0.2, 0.4, 0.2))
+    world.clear()
     yield world
     world.close()
 

@@ -1,0 +1,111 @@
+"""Measure the city.
+
+python -m irl_dal.bench env     steps per second beside CarRacing-v3 and racetrack-v0
+python -m irl_dal.bench lane    lane measurement against the truth
+python -m irl_dal.bench expert  success of the expert
+python -m irl_dal.bench faults  success of the expert under each fault
+python -m irl_dal.bench car     step responses of the vehicle
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+
+from rich.console import Console
+from rich.table import Table
+
+from irl_dal.benchmarks.car import car_tables
+from irl_dal.benchmarks.drive import Drive, expert_drives
+from irl_dal.benchmarks.lane import lane_table
+from irl_dal.benchmarks.speed import compare_speed, missing_peers, parts_table, speed_table
+from irl_dal.envs import FAULTS, CityConfig
+
+__all__ = ["main"]
+
+FIRST_SEED = 20_000
+"""Seeds from here on are for reports; nothing was tuned on them."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Entry point of the command.
+
+    Args:
+        arguments: Command line; None takes the process's.
+
+    Returns:
+        Exit code: 2 for a mistake in what was asked for.
+    """
+    asked = _parser().parse_args(arguments)
+    console = Console()
+    try:
+        config = CityConfig(difficulty=asked.difficulty)
+        if asked.track is not None:
+            config = replace(config, track=asked.track, route_length=asked.route_length)
+    except ValueError as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    seeds = range(asked.first_seed, asked.first_seed + asked.episodes)
+    if asked.what == "env":
+        _speed(console, config, asked.rounds, asked.steps)
+    elif asked.what == "car":
+        console.print(*car_tables())
+    elif asked.what == "faults":
+        console.print(_outcomes(_fault_drives(config, seeds), "expert under each fault"))
+    else:
+        drives = list(expert_drives(config, seeds))
+        if asked.what == "lane":
+            console.print(lane_table(drives))
+        console.print(_outcomes({config.track or config.difficulty: drives}, "expert"))
+    return 0
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="python -m irl_dal.bench", description="Measure the city."
+    )
+    parser.add_argument("what", choices=("env", "lane", "expert", "faults", "car"))
+    parser.add_argument("--episodes", type=int, default=20)
+    parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
+    parser.add_argument("--difficulty", default="paper", help="easy, paper or hard")
+    parser.add_argument("--track", default=None, help="TUM centre-line CSV file")
+    parser.add_argument("--route-length", type=float, default=300.0, help="of a stretch of it [m]")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--steps", type=int, default=100, help="in one round")
+    return parser
+
+
+def _speed(console: Console, config: CityConfig, rounds: int, steps: int) -> None:
+    console.print(speed_table(compare_speed(rounds, steps, config)))
+    for name, package in missing_peers().items():
+        console.print(f"{name} is not installed: pip install {package}")
+    console.print(parts_table(rounds * steps, config))
+
+
+def _fault_drives(config: CityConfig, seeds: Sequence[int]) -> dict[str, list[Drive]]:
+    return {
+        name: list(expert_drives(replace(config, faults=fault), seeds))
+        for name, fault in FAULTS.items()
+    }
+
+
+def _outcomes(groups: dict[str, list[Drive]], title: str) -> Table:
+    """Success and its opposites, and how often the expert's own command broke a bound."""
+    table = Table(title=title)
+    ends = ("success", "collision", "off_road", "timeout")
+    for name in ("", "episodes", *ends, "own violations"):
+        table.add_column(name, justify="right" if name else "left")
+    for name, drives in groups.items():
+        count = Counter(drive.outcome for drive in drives)
+        steps = sum(drive.steps for drive in drives)
+        share = sum(drive.violations for drive in drives) / steps
+        shares = (f"{count[end] / len(drives):.1%}" for end in ends)
+        table.add_row(name, str(len(drives)), *shares, f"{share:.2%}")
+    return table
+
+
+if __name__ == "__main__":
+    sys.exit(main())

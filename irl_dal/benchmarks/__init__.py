@@ -1,0 +1,1 @@
+"""What the city can do, measured: speed, lane measurement, vehicle, faults."""

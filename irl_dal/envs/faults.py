@@ -1,0 +1,161 @@
+"""What can be wrong with sensors and actuators, by configuration."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.envs.vehicle import SERVO_RATE
+
+__all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
+
+Observation = dict[str, NDArray[Any]]
+
+MAX_LATENCY = 5
+"""Longest latency that can be asked for [steps]."""
+
+
+@dataclass(frozen=True, slots=True)
+class FaultConfig:
+    """Strength of each fault; the defaults are no fault at all.
+
+    Attributes:
+        dead_beams: Share of LiDAR beams that never return anything.
+        stuck_beams: Share of LiDAR beams that always return one and the same range.
+        frozen_camera: Share of the time in which the image stands still.
+        freeze_time: Length of one freeze [s].
+        noise_bursts: Share of the time in which image and LiDAR are noisy.
+        burst_time: Length of one burst [s].
+        burst_noise: Standard deviation then: of a range [m], and of a pixel in 1/25 of its range.
+        latency: Age of every observation [steps].
+        actuator_lag: Time constant with which the actuators follow commands [s].
+        servo_rate: Turning rate of the steering servo [rad/s]; 1.2 when healthy, 0.6 is what the
+            shield counts on.
+    """
+
+    dead_beams: float = 0.0
+    stuck_beams: float = 0.0
+    frozen_camera: float = 0.0
+    freeze_time: float = 1.0
+    noise_bursts: float = 0.0
+    burst_time: float = 1.0
+    burst_noise: float = 1.0
+    latency: int = 0
+    actuator_lag: float = 0.0
+    servo_rate: float = SERVO_RATE
+
+    def __post_init__(self) -> None:
+        for name in ("dead_beams", "stuck_beams", "frozen_camera", "noise_bursts"):
+            if not 0.0 <= getattr(self, name) <= 1.0:
+                raise ValueError(f"`{name}` must lie in [0, 1]. Got {getattr(self, name)}.")
+        for name in ("freeze_time", "burst_time", "servo_rate"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        for name in ("burst_noise", "actuator_lag"):
+            if not getattr(self, name) >= 0.0:
+                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        if not 0 <= self.latency <= MAX_LATENCY:
+            raise ValueError(f"`latency` must lie in [0, {MAX_LATENCY}]. Got {self.latency}.")
+
+
+FAULTS: dict[str, FaultConfig] = {
+    "none": FaultConfig(),
+    "dead_beams": FaultConfig(dead_beams=0.15),
+    "stuck_beams": FaultConfig(stuck_beams=0.05),
+    "frozen_camera": FaultConfig(frozen_camera=0.1),
+    "noise_bursts": FaultConfig(noise_bursts=0.1),
+    "latency_1": FaultConfig(latency=1),
+    "latency_2": FaultConfig(latency=2),
+    "actuator_lag": FaultConfig(actuator_lag=0.2),
+    "slow_servo": FaultConfig(servo_rate=0.3),
+}
+"""Each fault at its default strength."""
+
+
+class SensorFaults:
+    """Spoils observations; with the defaults it hands them through untouched.
+
+    Args:
+        config: How.
+        dt: Time between two observations [s].
+        beams: Number of LiDAR beams.
+        max_range: LiDAR reading where nothing was hit [m].
+        rng: Source of every draw; its own, so that no other noise depends on the faults.
+    """
+
+    def __init__(
+        self,
+        config: FaultConfig,
+        dt: float,
+        beams: int,
+        max_range: float,
+        rng: np.random.Generator,
+    ) -> None:
+        self._config = config
+        self._dt = dt
+        self._max_range = max_range
+        self._rng = rng
+        order = rng.permutation(beams)
+        dead, stuck = round(config.dead_beams * beams), round(config.stuck_beams * beams)
+        self._dead = order[:dead]
+        self._stuck = order[dead : dead + stuck]
+        self._stuck_at = rng.uniform(2.0, max_range, len(self._stuck)).astype(np.float32)
+        self._queue: deque[Observation] = deque(maxlen=config.latency + 1)
+        self._frozen_for = self._burst_for = 0
+        self._image: NDArray[np.uint8] | None = None
+
+    def apply(self, observation: Observation) -> Observation:
+        """The observation as the faulty sensors give it."""
+        config = self._config
+        self._frozen_for = self._next(self._frozen_for, config.frozen_camera, config.freeze_time)
+        self._burst_for = self._next(self._burst_for, config.noise_bursts, config.burst_time)
+        image, lidar = observation["image"], observation["lidar"]
+        if self._burst_for:
+            grain = self._rng.normal(0.0, 10.0 * config.burst_noise, image.shape)
+            image = np.clip(image + grain, 0.0, 255.0).astype(np.uint8)
+            blur = self._rng.normal(0.0, config.burst_noise, lidar.shape)
+            lidar = np.clip(lidar + blur, 0.0, self._max_range).astype(np.float32)
+        if len(self._dead) or len(self._stuck):
+            lidar = lidar.copy()
+            lidar[self._dead] = self._max_range
+            lidar[self._stuck] = self._stuck_at
+        if self._frozen_for and self._image is not None:
+            image = self._image
+        self._image = image
+        self._queue.append({**observation, "image": image, "lidar": lidar})
+        return self._queue[0]
+
+    def _next(self, left: int, share: float, duration: float) -> int:
+        """Steps that an intermittent fault still lasts."""
+        if share == 0.0:
+            return 0
+        if left > 1:
+            return left - 1
+        steps = max(1, round(duration / self._dt))
+        begins = share >= 1.0 or self._rng.random() < share / (steps * (1.0 - share))
+        return steps if begins else 0
+
+
+class ActuatorLag:
+    """First-order lag between the command and what the actuators are told.
+
+    Args:
+        time: Time constant [s]; 0 hands commands through.
+        dt: Control period [s].
+        command: Command to begin with (2,) [rad, m/s].
+    """
+
+    def __init__(self, time: float, dt: float, command: NDArray[np.float64]) -> None:
+        self._share = 1.0 if time <= 0.0 else 1.0 - float(np.exp(-dt / time))
+        self._now = np.array(command, dtype=np.float64)
+
+    def follow(self, command: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the actuators are told for a command (2,) [rad, m/s]."""
+        if self._share == 1.0:
+            return command
+        self._now = self._now + self._share * (command - self._now)
+        return self._now

@@ -1,0 +1,326 @@
+r"""Lane pose and shape from the camera image, by classical means.
+
+1. The road's grey gives the colour of the light; pixels are divided by it.
+2. Yellow and white pixels below the horizon are put on the ground (inverse perspective).
+3. A clothoid is fitted to them. With (s, d) of a pixel in the clothoid's coordinates and d_l the
+   offset of the line that it belongs to, Gauss-Newton with Tukey's weights minimises
+
+   .. math:: \sum_i w_i \frac{(d_i - d_l)^2}{\sigma_l^2} + \text{priors on } \kappa, \kappa'
+
+   over the offset, the heading error, the curvature and its rate. The yellow line alone comes
+   first; then white pixels near one of our own direction's white lines help.
+4. The inverse of the normal matrix is the covariance. Too few pixels, too large a deviation or a
+   poor fit: no measurement.
+
+Where the yellow line is out of view, white lines are told apart by the last fit, moved on with the
+car, for at most `MAX_COAST` seconds.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.envs.road import HOME_LANE, LANE_WIDTH
+from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH
+from shield import LaneMeasurement
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+YELLOW, WHITE = 1.35, 2.4
+"""Least yellowness min(R, G) - B and least brightness of a line, in units of the road's grey."""
+
+NEAR, FAR = 1.5, 32.0
+"""Ground that is looked at, from the rear axle [m]."""
+
+WHITE_FAR = 16.0
+"""White dashes beyond this distance are single pixels that could belong to anything [m]."""
+
+MIN_YELLOW, MIN_WHITE = 5, 10
+"""Pixels without which a line is not believed."""
+
+MAX_PIXELS = 80
+"""Pixels of one colour that take part."""
+
+GATE = 1.1
+"""Distance to a line within which a white pixel is taken for it [m]."""
+
+MAX_COAST = 1.0
+"""Time for which white lines alone are trusted [s]."""
+
+MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08
+"""Deviations beyond which there is no measurement [m], [rad]."""
+
+DARKEST = 5.0
+"""Grey of the road below which nothing is measured [1/255]."""
+
+_WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
+_SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
+_SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
+_PRIOR_STD = np.array([30.0, 1.0, 0.04, 0.0015])
+_KEPT_STD = np.array([30.0, 1.0, 0.012, 0.0012])
+_INFLATION = 1.3  # neighbouring pixels share their error; chosen by the normalised errors
+_WIDTHS = (1.2, 0.5, 0.15)
+_ALONG = np.arange(-2.0, FAR + 4.0, 1.0)
+
+
+@dataclass(frozen=True, slots=True)
+class Eye:
+    """Where the camera is and how it projects.
+
+    Attributes:
+        size: Edge length of the image [px].
+        forward: From the rear axle [m].
+        height: Above the lines [m].
+        pitch: Of the axis below the horizon [rad].
+        field_of_view: [deg]
+    """
+
+    size: int
+    forward: float
+    height: float
+    pitch: float
+    field_of_view: float
+
+    def ground(self) -> tuple[Array, Mask]:
+        """Ground point (size, size, 2) of each pixel in the car's frame [m], and which have one.
+
+        The renderer samples the picture at the left lower corner of each pixel.
+        """
+        half = 0.5 * self.size
+        focal = half / math.tan(math.radians(0.5 * self.field_of_view))
+        u = (np.arange(self.size) - half) / focal
+        v = (np.arange(self.size) + 1.0 - half) / focal
+        down = math.sin(self.pitch) + v * math.cos(self.pitch)
+        ahead = math.cos(self.pitch) - v * math.sin(self.pitch)
+        reach = self.height / np.maximum(down, 1e-6)
+        points = np.empty((self.size, self.size, 2))
+        points[..., 0] = (self.forward + reach * ahead)[:, None]
+        points[..., 1] = -u[None, :] * reach[:, None]
+        seen = (down > 1e-6)[:, None] & (points[..., 0] > NEAR) & (points[..., 0] < FAR)
+        return points, seen
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A clothoid (d, psi, kappa, kappa') of the yellow line, its covariance and its support."""
+
+    x: Array
+    covariance: Array
+    support: int
+
+
+class LaneCamera:
+    """Measures the home lane in camera images.
+
+    Args:
+        eye: The camera's geometry.
+        dt: Time between two images [s].
+    """
+
+    def __init__(self, eye: Eye, dt: float) -> None:
+        self._dt = dt
+        points, seen = eye.ground()
+        rows = np.flatnonzero(seen.any(axis=1))
+        self._top = int(rows[0])
+        self._points: Array = points[self._top :]
+        self._seen: Mask = seen[self._top :]
+        near = self._seen & (np.abs(self._points[..., 1]) < 2.0) & (self._points[..., 0] < 14.0)
+        self._lane: Mask = near
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last episode."""
+        self._last: Array | None = None
+        self._age = math.inf
+        self._image: NDArray[np.uint8] | None = None
+
+    def measure(
+        self, image: NDArray[np.uint8], speed: float, yaw_rate: float
+    ) -> LaneMeasurement | None:
+        """Measure; None where the lane is not seen, or where an image repeats itself bit by bit.
+
+        Args:
+            image: (size, size, 3) uint8.
+            speed: Measured speed since the last image [m/s].
+            yaw_rate: Yaw rate since the last image [rad/s].
+        """
+        self._move(speed, yaw_rate)
+        frozen = self._image is not None and bool(np.array_equal(image, self._image))
+        self._image = image
+        found = None if frozen else self._find(image)
+        if found is None:
+            return None
+        fit, yellow = found
+        std = np.sqrt(np.diag(fit.covariance))
+        if std[0] > MAX_OFFSET_STD or std[1] > MAX_HEADING_STD:
+            return None
+        self._last = fit.x
+        if yellow:
+            self._age = 0.0
+        return _home_lane(fit.x, float(std[0]), float(std[1]))
+
+    def _move(self, speed: float, yaw_rate: float) -> None:
+        """Move the last fit with the car."""
+        self._age += self._dt
+        if self._last is None or self._age > MAX_COAST:
+            self._last = None
+            return
+        d, psi, bend, rate = self._last
+        way = speed * self._dt
+        along = way / max(0.3, 1.0 - bend * d)
+        self._last = np.array(
+            [
+                d + way * math.sin(psi + 0.5 * yaw_rate * self._dt),
+                psi + yaw_rate * self._dt - bend * along,
+                bend + rate * along,
+                rate,
+            ]
+        )
+
+    def _find(self, image: NDArray[np.uint8]) -> tuple[_Fit, bool] | None:
+        """Fit the lines of an image, and whether the yellow one took part."""
+        below = image[self._top :]
+        grey = np.median(below[self._lane], axis=0)
+        if float(grey.min()) < DARKEST:
+            return None
+        colour = below * (1.0 / grey).astype(np.float32)
+        red, green, blue = colour[..., 0], colour[..., 1], colour[..., 2]
+        yellowness = np.minimum(red, green) - blue
+        yellow = self._seen & (yellowness > YELLOW) & (green > 0.6 * red)
+        white = self._seen & (np.minimum(np.minimum(red, green), blue) > WHITE)
+        white &= self._points[..., 0] < WHITE_FAR
+        return self._fit(_thinned(self._points[yellow]), _thinned(self._points[white]))
+
+    def _fit(self, yellow: Array, white: Array) -> tuple[_Fit, bool] | None:
+        start = self._last
+        if start is not None and len(yellow) >= MIN_YELLOW:
+            points, lines, sigma = _associate(yellow, white, start)
+            joint = self._solve(points, lines, sigma, start, 2)
+            strays = len(points) - joint.support
+            if strays <= 0.15 * len(points):
+                return joint, True
+        fit: _Fit | None = None
+        if len(yellow) >= MIN_YELLOW:
+            zero = np.zeros(len(yellow))
+            sigma = np.full(len(yellow), _SIGMA_YELLOW)
+            for guess in (start, _parabola(yellow)):
+                if guess is None:
+                    continue
+                fit = self._solve(yellow, zero, sigma, guess, 3)
+                if fit.support >= max(MIN_YELLOW, 0.6 * len(yellow)):
+                    break
+                fit = None
+        seen = fit is not None
+        if fit is None and start is None:
+            return None
+        guess = start if fit is None else fit.x
+        assert guess is not None
+        points, lines, sigma = _associate(yellow if seen else yellow[:0], white, guess)
+        if len(points) < (MIN_YELLOW if seen else MIN_WHITE):
+            return None
+        joint = self._solve(points, lines, sigma, guess, 4)
+        if joint.support < 0.5 * len(points):
+            return None
+        return joint, seen
+
+    def _solve(self, points: Array, lines: Array, sigma: Array, x: Array, rounds: int) -> _Fit:
+        """Gauss-Newton from `x` (4,) for points (n, 2) of lines at offsets (n,)."""
+        centre = np.zeros(4) if self._last is None else np.array([0.0, 0.0, *self._last[2:]])
+        prior = 1.0 / (_PRIOR_STD if self._last is None else _KEPT_STD) ** 2
+        for k in range(3 - min(rounds, 3), rounds + 3 - min(rounds, 3)):
+            s, d, jacobian = _coordinates(points, x)
+            residual = d - lines
+            width = 3.0 * sigma + _WIDTHS[min(k, 2)]
+            weight = np.clip(1.0 - (residual / width) ** 2, 0.0, 1.0) ** 2 / sigma**2
+            weight = weight * (s > -1.0)
+            normal = jacobian.T @ (weight[:, None] * jacobian) + np.diag(prior)
+            gradient = jacobian.T @ (weight * residual) + prior * (x - centre)
+            x = x - np.linalg.solve(normal, gradient)
+            x[2:] = np.clip(x[2:], (-0.12, -0.01), (0.12, 0.01))
+        support = int((np.abs(residual) < 3.0 * sigma + 0.1).sum())
+        covariance = np.asarray(_INFLATION * np.linalg.inv(normal), dtype=np.float64)
+        return _Fit(x, covariance, support)
+
+
+def _thinned(points: Array) -> Array:
+    """At most about `MAX_PIXELS` of the points (n, 2), evenly chosen."""
+    return points[:: 1 + len(points) // MAX_PIXELS]
+
+
+def _parabola(points: Array) -> Array:
+    """First guess (4,) from ground points (n, 2) of the yellow line, robust against strays."""
+    x, y = points[:, 0], points[:, 1]
+    terms = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
+    prior = np.diag([1e-6, 1.0, 400.0])
+    weight = np.ones_like(x)
+    for width in (3.0, 1.5, 0.8):
+        normal = terms.T @ (weight[:, None] * terms) + prior
+        a, b, c = np.linalg.solve(normal, terms.T @ (weight * y))
+        weight = 1.0 / (1.0 + ((y - terms @ (a, b, c)) / width) ** 2)
+    psi = -math.atan(b)
+    return np.array([-a * math.cos(psi), psi, c, 0.0])
+
+
+def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Place points (n, 2) of the car's frame along the clothoid `x` (4,): s, d and d's Jacobian."""
+    offset, psi, bend, rate = (float(value) for value in x)
+    heading = (bend + 0.5 * rate * _ALONG) * _ALONG - psi
+    cos, sin = np.cos(heading), np.sin(heading)
+    way_x = np.concatenate([[0.0], np.cumsum(0.5 * (cos[1:] + cos[:-1]))])
+    way_y = np.concatenate([[0.0], np.cumsum(0.5 * (sin[1:] + sin[:-1]))])
+    way_x += -offset * math.sin(psi) - way_x[2]
+    way_y += -offset * math.cos(psi) - way_y[2]
+    px, py = points[:, 0], points[:, 1]
+    s = np.interp(px, np.maximum.accumulate(way_x), _ALONG)
+    for _ in range(2):
+        np.clip(s, _ALONG[0], _ALONG[-1], out=s)
+        turn = (bend + 0.5 * rate * s) * s
+        tangent_x, tangent_y = np.cos(turn - psi), np.sin(turn - psi)
+        rest_x = px - np.interp(s, _ALONG, way_x)
+        rest_y = py - np.interp(s, _ALONG, way_y)
+        d = tangent_x * rest_y - tangent_y * rest_x
+        s = s + (tangent_x * rest_x + tangent_y * rest_y) / np.clip(
+            1.0 - (bend + rate * s) * d, 0.3, 3.0
+        )
+    jacobian = np.empty((len(points), 4))
+    jacobian[:, 0] = np.cos(turn)
+    jacobian[:, 1] = px * tangent_x + py * tangent_y
+    jacobian[:, 2] = -0.5 * s * s
+    jacobian[:, 3] = s * jacobian[:, 2] / 3.0
+    return s, d, jacobian
+
+
+def _associate(yellow: Array, white: Array, x: Array) -> tuple[Array, Array, Array]:
+    """Points (n, 2), offsets (n,) of their lines and deviations (n,): white ones near a line."""
+    lines, keep = np.zeros(0), np.zeros(0, dtype=bool)
+    if len(white):
+        _, d, _ = _coordinates(white, x)
+        which = np.argmin(np.abs(d[:, None] - _WHITE_LINES), axis=1)
+        lines = _WHITE_LINES[which]
+        keep = np.abs(d - lines) < GATE
+    return (
+        np.concatenate([yellow, white[keep]]),
+        np.concatenate([np.zeros(len(yellow)), lines[keep]]),
+        np.concatenate(
+            [np.full(len(yellow), _SIGMA_YELLOW), np.full(int(keep.sum()), _SIGMA_WHITE)]
+        ),
+    )
+
+
+def _home_lane(x: Array, offset_std: float, heading_std: float) -> LaneMeasurement:
+    """The yellow line's clothoid as that of the home lane, 5.25 m to its right."""
+    d, psi, bend, rate = (float(value) for value in x)
+    stretch = max(0.3, 1.0 - HOME_LANE * bend)
+    return LaneMeasurement(
+        lateral_offset=d - HOME_LANE,
+        heading_error=psi,
+        curvature=bend / stretch,
+        curvature_rate=rate / stretch**3,
+        offset_std=max(offset_std, 0.04),
+        heading_std=max(heading_std, 0.006),
+    )
