@@ -10,10 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert.crossing import CrossingConfig, CrossingWatch, Pedestrian
-from expert.lane_map import LaneMap
+from expert.lane_map import LIDAR_FORWARD, LaneMap
 from expert.lateral import LateralConfig, steer
-from expert.longitudinal import LongitudinalConfig, choose_speed
+from expert.longitudinal import LongitudinalConfig, bend_speed, stopping_speed
 from expert.modes import Mode
+from expert.neighbour import Neighbour
 from shield import ActuatorLimits, LaneEstimate
 
 Array = NDArray[np.float64]
@@ -49,7 +50,7 @@ class ExpertConfig:
     lane_width: float = 3.5
     corridor: float = 1.45
     body: float = 1.25
-    max_slope: float = 0.5
+    max_slope: float = 0.35
     sight: float = 30.0
     clear: float = 22.0
     beside: float = 1.0
@@ -102,7 +103,7 @@ class FSMExpert:
     |---|---|---|
     | Lane Following | home | the home lane is blocked and the passing lane is free |
     | Obstacle Avoidance | passing | the car has arrived in the passing lane |
-    | Driving Straight | passing | the home lane is free again, for `hold` metres |
+    | Driving Straight | passing | the home lane is free again, the neighbour left behind |
     | Returning | home | the car has arrived, or the home lane is blocked again |
 
     Args:
@@ -114,6 +115,7 @@ class FSMExpert:
         self._config = config
         self._limits = limits
         self._watch = CrossingWatch(config.crossing, limits.dt)
+        self._neighbour = Neighbour(config.clear, config.hold, limits.dt)
         self.reset()
 
     def reset(self) -> None:
@@ -121,10 +123,11 @@ class FSMExpert:
         self._mode = Mode.LANE_FOLLOWING
         self._reference: float | None = None
         self._rate = 0.0
-        self._free_for = 0.0
+        self._pace: float | None = None
         self._last_scan: Array | None = None
         self._repeats: NDArray[np.int64] | None = None
         self._watch.reset()
+        self._neighbour.reset()
 
     def act(self, scan: Array, lane: LaneEstimate, speed: float, previous: Array) -> ExpertDecision:
         """Decide for the current state.
@@ -143,13 +146,15 @@ class FSMExpert:
             lanes = lanes.without(person.s, person.d, 0.8)
         home = lanes.gap(0.0, config.corridor, -config.beside)
         passing = lanes.gap(config.lane_width, config.corridor, -config.beside)
+        self._neighbour.update(home, speed)
         self._mode = self._next_mode(home, passing, lane.lateral_offset, speed)
-        target, rate = self._shift(lane.lateral_offset)
+        target, rate = self._shift(lane.lateral_offset, speed)
+        bumper = lane.lateral_offset + LIDAR_FORWARD * math.sin(lane.heading_error)
         gap = min(
             self._gap_ahead(lanes, lane, speed),
-            self._gap_to(people, (lane.lateral_offset, target), speed),
+            self._gap_to(people, (lane.lateral_offset, bumper, target), speed),
         )
-        wanted = choose_speed(config.longitudinal, lane, gap)
+        wanted = min(self._follow_bend(lane), stopping_speed(config.longitudinal, gap))
         if self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT):
             wanted = min(wanted, config.avoidance_speed)
         steering = steer(config.lateral, lane, target, rate, speed, limits.wheelbase)
@@ -157,28 +162,31 @@ class FSMExpert:
         return ExpertDecision(setpoint, self.approach(setpoint, previous, 1)[0], self._mode)
 
     def approach(self, setpoint: Array, previous: Array, horizon: int) -> Array:
-        """Commands (horizon, 2) that go from `previous` (2,) to `setpoint` (2,) at full rate."""
+        """Commands (horizon, 2) that go from `previous` (2,) to `setpoint` (2,).
+
+        Steering and brakes at full rate, the accelerator at a comfortable one.
+        """
         limits = self._limits
         steps = np.arange(1, horizon + 1)[:, None] * limits.dt * _INSIDE
-        rise = np.array([limits.max_steering_rate, limits.max_acceleration])
+        pull = min(limits.max_acceleration, self._config.longitudinal.acceleration)
+        rise = np.array([limits.max_steering_rate, pull])
         fall = np.array([limits.max_steering_rate, limits.max_deceleration])
         return np.clip(setpoint, previous - fall * steps, previous + rise * steps)
 
     def _next_mode(self, home: float, passing: float, offset: float, speed: float) -> Mode:
         config, mode = self._config, self._mode
         blocked = home < config.sight
-        self._free_for = 0.0 if home < config.clear else self._free_for + speed * self._limits.dt
         if mode in (Mode.LANE_FOLLOWING, Mode.RETURNING):
             if blocked and passing > min(home + 8.0, config.sight):
                 return Mode.OBSTACLE_AVOIDANCE
             arrived = abs(offset) < config.settled
             return Mode.LANE_FOLLOWING if arrived or mode is Mode.LANE_FOLLOWING else mode
-        if self._free_for > config.hold:
+        if self._neighbour.passed(speed):
             return Mode.RETURNING
         arrived = abs(offset - config.lane_width) < config.settled
         return Mode.DRIVING_STRAIGHT if arrived else mode
 
-    def _shift(self, offset: float) -> tuple[float, float]:
+    def _shift(self, offset: float, speed: float) -> tuple[float, float]:
         """Move the wanted offset towards the mode's lane: offset [m] and its rate [m/s].
 
         The rate rises and falls with `shift_acceleration`: a lane change that passengers like.
@@ -188,11 +196,20 @@ class FSMExpert:
             self._reference, self._rate = offset, 0.0
         left = self._goal() - self._reference
         brake = math.sqrt(2.0 * config.shift_acceleration * abs(left))
-        wanted = math.copysign(min(config.shift_rate, brake, abs(left) / dt), left)
+        fastest = min(config.shift_rate, config.max_slope * speed)
+        wanted = math.copysign(min(fastest, brake, abs(left) / dt), left)
         step = config.shift_acceleration * dt
         self._rate += max(-step, min(step, wanted - self._rate))
         self._reference += self._rate * dt
         return self._reference, self._rate
+
+    def _follow_bend(self, lane: LaneEstimate) -> float:
+        """Speed for the bends, without the estimate's noise [m/s]."""
+        config = self._config.longitudinal
+        wanted = bend_speed(config, lane)
+        share = min(1.0, self._limits.dt / config.pace_time)
+        self._pace = wanted if self._pace is None else self._pace + share * (wanted - self._pace)
+        return self._pace
 
     def _gap_ahead(self, lanes: LaneMap, lane: LaneEstimate, speed: float) -> float:
         """Free distance on the way to the lane that the mode asks for [m]."""

@@ -18,6 +18,9 @@ Array = NDArray[np.float64]
 LIDAR_FORWARD = 3.6
 """From the rear axle to the LiDAR in the front bumper [m]."""
 
+BODY_LENGTH = 4.5
+"""Of the car [m]."""
+
 BEHIND, AHEAD = 2.0, 40.0
 """Stretch of lane that the map covers, from the rear axle [m]."""
 

@@ -17,14 +17,14 @@ class LateralConfig:
         heading_time: Time constant with which a heading error is driven out [s].
         max_approach: Largest angle at which the lane's centre is approached [rad].
         preview_time: Look-ahead of the curvature feed-forward [s].
-        min_speed: Below which the gains stop growing [m/s].
+        min_speed: Below which the gains stop growing [m/s]: the steering cannot follow faster ones.
     """
 
     offset_time: float = 1.0
     heading_time: float = 0.45
     max_approach: float = 0.4
     preview_time: float = 0.15
-    min_speed: float = 2.0
+    min_speed: float = 3.5
 
     def __post_init__(self) -> None:
         for name in ("offset_time", "heading_time", "max_approach", "min_speed"):
@@ -45,7 +45,7 @@ def steer(
     With e the offset error, r the rate of the wanted offset, psi the heading error and kappa the
     previewed curvature:
 
-        psi_ref = sat((r - e / T_e) / v),  delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
+        psi_ref = sat(r / v - e / (v · T_e)),  delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
 
     so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
     curvature is that of a parallel line, kappa / (1 - kappa · e).
@@ -60,7 +60,7 @@ def steer(
     """
     v = max(speed, config.min_speed)
     error = lane.lateral_offset - target
-    approach = math.atan2(target_rate - error / config.offset_time, v)
+    approach = math.atan2(target_rate, max(speed, 1.0)) - math.atan2(error / config.offset_time, v)
     heading = max(-config.max_approach, min(config.max_approach, approach))
     curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
     curvature /= max(0.4, 1.0 - curvature * lane.lateral_offset)

@@ -249,7 +249,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """
         super().reset(seed=seed)
         config = self.config
-        layout, self._noise, faults = self.np_random.spawn(3)
+        layout, self._noise, self._grain, faults = self.np_random.spawn(4)
         self._world.clear()
         self._road = self._draw_road(layout, options or {})
         self._scenery = Scenery(self._world, self._road, layout)
@@ -346,17 +346,16 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._clearance = float(self._scan.min())
 
     def _observe(self) -> Observation:
-        """Draw the noise of every sensor, in the same order with the camera on or off.
+        """Measure with every sensor; the camera has a random stream of its own, on or off.
 
         The lane camera needs every image: with it, `camera_on` cannot switch the camera off.
         """
         config, rng = self.config, self._noise
         odometry = self._lane_sensor.measure(self._state, self._at, rng)
         image = np.zeros((config.image_size,) * 2 + (3,), np.uint8)
-        camera_rng = np.random.default_rng(rng.integers(2**63))
         self._scenery.show_around(self._at.s)
         if self.camera_on or config.lane_sensor == "camera":
-            image = self._camera.measure(self._state, self._light, camera_rng)
+            image = self._camera.measure(self._state, self._light, self._grain)
         observation = self._faults.apply(
             {
                 "image": image,

@@ -13,7 +13,8 @@ r"""Lane pose and shape from the camera image, by classical means.
    poor fit: no measurement.
 
 Where the yellow line is out of view, white lines are told apart by the last fit, moved on with the
-car, for at most `MAX_COAST` seconds.
+car, for at most `MAX_COAST` seconds. A fit without a last one could be off by a whole lane: it
+would put grass on the road, and is not believed.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.road import HOME_LANE, LANE_WIDTH
+from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH
 from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH
 from shield import LaneMeasurement
 
@@ -44,13 +45,16 @@ MIN_YELLOW, MIN_WHITE = 5, 10
 """Pixels without which a line is not believed."""
 
 MAX_PIXELS = 80
-"""Pixels of one colour that take part."""
+"""Pixels of one colour that take part; about as many give the road's grey."""
 
 GATE = 1.1
 """Distance to a line within which a white pixel is taken for it [m]."""
 
-MAX_COAST = 1.0
-"""Time for which white lines alone are trusted [s]."""
+MAX_COAST = 4.0
+"""Time for which white lines alone are trusted [s]: a bend of 25 m hides the yellow one so long."""
+
+GREEN, MAX_GREEN = 1.25, 6
+"""Least ratio of green to red and blue of grass, and how much of it is taken for an obstacle."""
 
 MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08
 """Deviations beyond which there is no measurement [m], [rad]."""
@@ -106,12 +110,24 @@ class Eye:
 
 
 @dataclass(frozen=True, slots=True)
+class _Sighting:
+    """Ground points (n, 2) of lines at offsets (n,) with deviations (n,), placed along a guess."""
+
+    points: Array
+    lines: Array
+    sigma: Array
+    guess: Array
+    placed: tuple[Array, Array, Array]
+
+
+@dataclass(frozen=True, slots=True)
 class _Fit:
-    """A clothoid (d, psi, kappa, kappa') of the yellow line, its covariance and its support."""
+    """A clothoid (d, psi, kappa, kappa') of the yellow line; pixels for and against it."""
 
     x: Array
     covariance: Array
     support: int
+    strays: int
 
 
 class LaneCamera:
@@ -127,10 +143,12 @@ class LaneCamera:
         points, seen = eye.ground()
         rows = np.flatnonzero(seen.any(axis=1))
         self._top = int(rows[0])
-        self._points: Array = points[self._top :]
-        self._seen: Mask = seen[self._top :]
-        near = self._seen & (np.abs(self._points[..., 1]) < 2.0) & (self._points[..., 0] < 14.0)
-        self._lane: Mask = near
+        self._points: Array = points[self._top :].reshape(-1, 2)
+        self._seen: Mask = seen[self._top :].ravel()
+        x, y = self._points.T
+        self._nearest: Mask = self._seen & (x < WHITE_FAR)
+        near = np.flatnonzero(self._seen & (np.abs(y) < 2.0) & (x < 14.0))
+        self._lane = near[:: 1 + len(near) // MAX_PIXELS]
         self.reset()
 
     def reset(self) -> None:
@@ -184,72 +202,72 @@ class LaneCamera:
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[_Fit, bool] | None:
         """Fit the lines of an image, and whether the yellow one took part."""
-        below = image[self._top :]
-        grey = np.median(below[self._lane], axis=0)
+        below = image[self._top :].reshape(-1, 3)
+        middle = len(self._lane) // 2
+        grey = np.partition(below[self._lane], middle, axis=0)[middle]
         if float(grey.min()) < DARKEST:
             return None
-        colour = below * (1.0 / grey).astype(np.float32)
-        red, green, blue = colour[..., 0], colour[..., 1], colour[..., 2]
+        red, green, blue = np.ascontiguousarray(below.T) / grey.astype(np.float32)[:, None]
         yellowness = np.minimum(red, green) - blue
         yellow = self._seen & (yellowness > YELLOW) & (green > 0.6 * red)
-        white = self._seen & (np.minimum(np.minimum(red, green), blue) > WHITE)
-        white &= self._points[..., 0] < WHITE_FAR
-        return self._fit(_thinned(self._points[yellow]), _thinned(self._points[white]))
+        white = self._nearest & (np.minimum(np.minimum(red, green), blue) > WHITE)
+        found = self._fit(self._thinned(yellow), self._thinned(white))
+        if found is None or self._last is not None:
+            return found
+        grass = self._nearest & (green > GREEN * np.maximum(red, blue))
+        return None if _covers(found[0].x, self._thinned(grass)) else found
+
+    def _thinned(self, mask: Mask) -> Array:
+        """Ground points (n, 2) of at most about `MAX_PIXELS` pixels of a mask, evenly chosen."""
+        chosen = np.flatnonzero(mask)
+        return self._points[chosen[:: 1 + len(chosen) // MAX_PIXELS]]
 
     def _fit(self, yellow: Array, white: Array) -> tuple[_Fit, bool] | None:
         start = self._last
         if start is not None and len(yellow) >= MIN_YELLOW:
-            points, lines, sigma = _associate(yellow, white, start)
-            joint = self._solve(points, lines, sigma, start, 2)
-            strays = len(points) - joint.support
-            if strays <= 0.15 * len(points):
+            joint = self._solve(_associate(yellow, white, start), 2)
+            if joint.strays <= 0.15 * (joint.support + joint.strays):
                 return joint, True
-        fit: _Fit | None = None
-        if len(yellow) >= MIN_YELLOW:
-            zero = np.zeros(len(yellow))
-            sigma = np.full(len(yellow), _SIGMA_YELLOW)
-            for guess in (start, _parabola(yellow)):
-                if guess is None:
-                    continue
-                fit = self._solve(yellow, zero, sigma, guess, 3)
-                if fit.support >= max(MIN_YELLOW, 0.6 * len(yellow)):
-                    break
-                fit = None
-        seen = fit is not None
-        if fit is None and start is None:
-            return None
+        fit = self._fit_yellow(yellow, start) if len(yellow) >= MIN_YELLOW else None
         guess = start if fit is None else fit.x
-        assert guess is not None
-        points, lines, sigma = _associate(yellow if seen else yellow[:0], white, guess)
-        if len(points) < (MIN_YELLOW if seen else MIN_WHITE):
+        if guess is None:
             return None
-        joint = self._solve(points, lines, sigma, guess, 4)
-        if joint.support < 0.5 * len(points):
+        sighting = _associate(yellow if fit is not None else yellow[:0], white, guess)
+        if len(sighting.points) < (MIN_WHITE if fit is None else MIN_YELLOW):
             return None
-        return joint, seen
+        joint = self._solve(sighting, 4)
+        if joint.support < joint.strays:
+            return None
+        return joint, fit is not None
 
-    def _solve(self, points: Array, lines: Array, sigma: Array, x: Array, rounds: int) -> _Fit:
-        """Gauss-Newton from `x` (4,) for points (n, 2) of lines at offsets (n,)."""
+    def _fit_yellow(self, yellow: Array, start: Array | None) -> _Fit | None:
+        """The yellow line alone, from the last fit or from a parabola."""
+        none = yellow[:0]
+        for guess in (start, _parabola(yellow)):
+            if guess is None:
+                continue
+            fit = self._solve(_associate(yellow, none, guess), 3)
+            if fit.support >= max(MIN_YELLOW, 0.6 * len(yellow)):
+                return fit
+        return None
+
+    def _solve(self, sighting: _Sighting, rounds: int) -> _Fit:
+        """Gauss-Newton from the sighting's guess; the last rounds have the narrowest weights."""
         centre = np.zeros(4) if self._last is None else np.array([0.0, 0.0, *self._last[2:]])
         prior = 1.0 / (_PRIOR_STD if self._last is None else _KEPT_STD) ** 2
-        for k in range(3 - min(rounds, 3), rounds + 3 - min(rounds, 3)):
-            s, d, jacobian = _coordinates(points, x)
-            residual = d - lines
-            width = 3.0 * sigma + _WIDTHS[min(k, 2)]
-            weight = np.clip(1.0 - (residual / width) ** 2, 0.0, 1.0) ** 2 / sigma**2
-            weight = weight * (s > -1.0)
-            normal = jacobian.T @ (weight[:, None] * jacobian) + np.diag(prior)
-            gradient = jacobian.T @ (weight * residual) + prior * (x - centre)
-            x = x - np.linalg.solve(normal, gradient)
+        x, sigma, placed = sighting.guess, sighting.sigma, sighting.placed
+        for k in range(rounds):
+            s, d, jacobian = placed if k == 0 else _coordinates(sighting.points, x)
+            residual = d - sighting.lines
+            width = 3.0 * sigma + _WIDTHS[min(k + max(3 - rounds, 0), 2)]
+            weight = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 / sigma**2
+            weight *= s > -1.0
+            weighted = weight[:, None] * jacobian
+            inverse = np.linalg.inv(jacobian.T @ weighted + np.diag(prior))
+            x = x - inverse @ (residual @ weighted + prior * (x - centre))
             x[2:] = np.clip(x[2:], (-0.12, -0.01), (0.12, 0.01))
         support = int((np.abs(residual) < 3.0 * sigma + 0.1).sum())
-        covariance = np.asarray(_INFLATION * np.linalg.inv(normal), dtype=np.float64)
-        return _Fit(x, covariance, support)
-
-
-def _thinned(points: Array) -> Array:
-    """At most about `MAX_PIXELS` of the points (n, 2), evenly chosen."""
-    return points[:: 1 + len(points) // MAX_PIXELS]
+        return _Fit(x, _INFLATION * inverse, support, len(residual) - support)
 
 
 def _parabola(points: Array) -> Array:
@@ -295,21 +313,30 @@ def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
     return s, d, jacobian
 
 
-def _associate(yellow: Array, white: Array, x: Array) -> tuple[Array, Array, Array]:
-    """Points (n, 2), offsets (n,) of their lines and deviations (n,): white ones near a line."""
-    lines, keep = np.zeros(0), np.zeros(0, dtype=bool)
-    if len(white):
-        _, d, _ = _coordinates(white, x)
-        which = np.argmin(np.abs(d[:, None] - _WHITE_LINES), axis=1)
-        lines = _WHITE_LINES[which]
-        keep = np.abs(d - lines) < GATE
-    return (
-        np.concatenate([yellow, white[keep]]),
-        np.concatenate([np.zeros(len(yellow)), lines[keep]]),
-        np.concatenate(
-            [np.full(len(yellow), _SIGMA_YELLOW), np.full(int(keep.sum()), _SIGMA_WHITE)]
-        ),
-    )
+def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
+    """Yellow pixels (n, 2) and those white ones (m, 2) that lie near a white line of `x` (4,)."""
+    points = np.concatenate([yellow, white])
+    s, d, jacobian = _coordinates(points, x)
+    lines = np.zeros(len(points))
+    sigma = np.full(len(points), _SIGMA_YELLOW)
+    if not len(white):
+        return _Sighting(points, lines, sigma, x, (s, d, jacobian))
+    first = len(yellow)
+    apart = d[first:, None] - _WHITE_LINES
+    which = np.argmin(np.abs(apart), axis=1)
+    lines[first:] = _WHITE_LINES[which]
+    sigma[first:] = _SIGMA_WHITE
+    keep = np.abs(d - lines) < GATE
+    keep[:first] = True
+    placed = (s[keep], d[keep], jacobian[keep])
+    return _Sighting(points[keep], lines[keep], sigma[keep], x, placed)
+
+
+def _covers(x: Array, grass: Array) -> bool:
+    """Whether the own direction's lanes along the fit `x` (4,) would cover grass (n, 2)."""
+    s, d, _ = _coordinates(grass, x)
+    inside = (d > -HALF_WIDTH + 0.5) & (d < 0.0) & (s > 0.0)
+    return int(inside.sum()) > MAX_GREEN
 
 
 def _home_lane(x: Array, offset_std: float, heading_std: float) -> LaneMeasurement:

@@ -35,9 +35,6 @@ LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40
 EDGE_LINE = HALF_WIDTH - 0.15
 """Middle of the solid white line at the edge, from the centre line [m]."""
 
-LAWN = 250.0
-"""Half the edge of the lawn around the car [m]."""
-
 GUTTER = 0.4
 """Width of the kerb [m]."""
 
@@ -45,7 +42,6 @@ PAINT = 0.04
 """Height of the lines above the ground [m]: the renderer's depth buffer needs the distance."""
 
 ASPHALT: Colour = (0.27, 0.27, 0.29)
-GRASS: Colour = (0.24, 0.42, 0.18)
 KERB: Colour = (0.52, 0.52, 0.50)
 WHITE: Colour = (0.92, 0.92, 0.92)
 YELLOW: Colour = (0.95, 0.75, 0.05)
@@ -97,7 +93,6 @@ class Scenery:
         self._road = road
         self._pieces: dict[int, list[int]] = {}
         self._plants: dict[int, list[Plant]] = {}
-        self._lawn: int | None = None
         self._plan(rng)
 
     def show_around(self, s: float) -> None:
@@ -107,21 +102,9 @@ class Scenery:
         for piece in [p for p in self._pieces if not first <= p <= last]:
             for body in self._pieces.pop(piece):
                 self._world.remove(body)
-        missing = [p for p in range(first, last + 1) if p not in self._pieces]
-        for piece in missing:
+        for piece in [p for p in range(first, last + 1) if p not in self._pieces]:
             beside = [b for plant in self._plants.get(piece, ()) for b in self._build(plant)]
             self._pieces[piece] = self._draw(piece) + beside
-        if missing:
-            self._draw_lawn(s)
-
-    def _draw_lawn(self, s: float) -> None:
-        """Grass as far as the camera sees; last, so that it is drawn only where it shows."""
-        if self._lawn is not None:
-            self._world.remove(self._lawn)
-        x, y, _ = self._road.pose(s, 0.0)
-        corners = np.array([(-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0), (1.0, 1.0)])
-        vertices = np.concatenate([LAWN * corners + (x, y), np.full((4, 1), -0.01)], axis=1)
-        self._lawn = self._world.mesh(vertices, np.array([[0, 1, 2], [1, 3, 2]]), GRASS)
 
     def _draw(self, piece: int) -> list[int]:
         road = self._road

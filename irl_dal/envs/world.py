@@ -33,12 +33,15 @@ with _quiet():  # it tells its build time on stderr
 Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
-PHYSICS_STEP = 1.0 / 120.0
-"""Integration step [s]: the car follows the bicycle as well as at Bullet's usual 1/240 s (speed and
-yaw rate within 0.002 RMS) at 0.4 of the time."""
+PHYSICS_STEP = 1.0 / 100.0
+"""Integration step [s]. Over random admissible commands the yaw rate is within 0.004 rad/s RMS of
+the bicycle's, at Bullet's usual 1/240 s with 50 iterations within 0.003, for four times the cost."""
 
 SOLVER_ITERATIONS = 20
-"""Of Bullet's constraint solver; enough for four wheels."""
+"""Of Bullet's constraint solver: with ten, the wheels stay 0.1 m/s below their set-point."""
+
+GRASS: Colour = (0.24, 0.42, 0.18)
+"""Of the meadow around everything."""
 
 GRAVITY = 9.81
 """[m/s^2]"""
@@ -68,6 +71,14 @@ class CameraPose:
     near: float = 0.3
     far: float = 90.0
 
+    def sees_ground(self) -> NDArray[np.bool_]:
+        """Which image rows (height,) look below the horizon; `up` has to be upwards."""
+        sight = np.subtract(self.target, self.eye)
+        slope = float(sight[2]) / float(np.hypot(sight[0], sight[1]))
+        half = 0.5 * self.height
+        focal = half / np.tan(np.radians(0.5 * self.field_of_view))
+        return np.asarray(np.arange(self.height) + 0.5 - half > focal * slope)
+
 
 @dataclass(frozen=True, slots=True)
 class Illumination:
@@ -78,7 +89,7 @@ class Illumination:
         colour: RGB in [0, 1].
         ambient: Share of light that falls on every face.
         diffuse: Share of light that depends on the face's inclination.
-        sky: RGB in [0, 1] of what no body covers.
+        sky: RGB in [0, 1] of what no body covers above the horizon.
         brightness: Time of day that it stands for, 0 a dark evening, 1 noon.
     """
 
@@ -88,6 +99,15 @@ class Illumination:
     diffuse: float
     sky: Colour
     brightness: float = 1.0
+
+    def on_ground(self, colour: Colour) -> Array:
+        """What a level surface of a colour looks like, RGB (3,) in [0, 255].
+
+        The renderer's formula: the coloured light scales only the diffuse share.
+        """
+        height = float(np.asarray(self.direction)[2] / np.linalg.norm(self.direction))
+        shade = self.ambient + self.diffuse * max(0.0, height) * np.asarray(self.colour)
+        return np.asarray(255.0 * np.asarray(colour) * shade)
 
 
 class World:
@@ -280,14 +300,17 @@ class World:
     def rays(self, origin: Array, ends: Array) -> Array:
         """Share of each ray's length that is free: `origin` (3,), `ends` (n, 3) → (n,)."""
         hits = pybullet.rayTestBatch(
-            np.broadcast_to(origin, ends.shape).tolist(),
+            [origin.tolist()] * len(ends),
             ends.tolist(),
             physicsClientId=self._client,
         )
         return np.array([hit[2] for hit in hits])
 
     def render(self, camera: CameraPose, light: Illumination) -> NDArray[np.uint8]:
-        """Draw the scene on the CPU: (height, width, 3) uint8; the sky where nothing is."""
+        """Draw the scene on the CPU: (height, width, 3) uint8; where nothing is, sky and grass.
+
+        The meadow is no body: so many pixels would cost a third of the picture.
+        """
         view = pybullet.computeViewMatrix(camera.eye, camera.target, camera.up)
         projection = pybullet.computeProjectionMatrixFOV(
             camera.field_of_view, camera.width / camera.height, camera.near, camera.far
@@ -308,9 +331,11 @@ class World:
             physicsClientId=self._client,
         )
         shape = (camera.height, camera.width)
-        image = np.asarray(rgba, dtype=np.uint8).reshape(*shape, 4)[..., :3].copy()
-        image[np.reshape(depth, shape) >= 1.0] = np.round(255.0 * np.array(light.sky))
-        return image
+        image = np.asarray(rgba, dtype=np.uint8).reshape(*shape, 4)[..., :3]
+        rows = camera.sees_ground()[:, None, None]
+        background = np.where(rows, light.on_ground(GRASS), 255.0 * np.array(light.sky))
+        empty = np.reshape(depth, shape)[..., None] >= 1.0
+        return np.where(empty, background.astype(np.uint8), image)
 
 
 def _prism(radius: float, height: float, sides: int = 8) -> tuple[Array, Array, NDArray[np.int64]]:
