@@ -30,6 +30,9 @@ class ExpertConfig:
     Attributes:
         lane_width: Distance between home and passing lane [m].
         corridor: Half width of the strip that must be free for a lane to be free [m].
+        flank: Half width of the home lane beside the car, where the flank of a thing may be all
+            that is seen of it and a bend makes the lane uncertain [m].
+        flank_reach: Distance up to which that counts [m].
         body: Half width of the strip that the car sweeps, with a margin [m].
         max_slope: Steepest lane change, sideways per forward movement.
         sight: Gap in the home lane below which the expert overtakes [m].
@@ -37,6 +40,7 @@ class ExpertConfig:
         beside: Points up to this far behind the bumper still count as beside the car [m].
         hold: Distance driven after the home lane has become free before going back [m].
         shift_rate: Speed at which the wanted offset moves across the road [m/s].
+        creep_rate: Least of that speed, so that a creeping car turns out sharply [m/s].
         shift_acceleration: At which that speed rises and falls [m/s^2].
         max_lag: Distance to the wanted offset at which it starts again from the car [m].
         settled: Offset to a lane's centre at which a lane change is over [m].
@@ -49,6 +53,8 @@ class ExpertConfig:
 
     lane_width: float = 3.5
     corridor: float = 1.45
+    flank: float = 1.9
+    flank_reach: float = 8.0
     body: float = 1.25
     max_slope: float = 0.35
     sight: float = 30.0
@@ -56,6 +62,7 @@ class ExpertConfig:
     beside: float = 1.0
     hold: float = 3.0
     shift_rate: float = 1.8
+    creep_rate: float = 0.6
     shift_acceleration: float = 1.5
     max_lag: float = 1.5
     settled: float = 0.7
@@ -145,6 +152,8 @@ class FSMExpert:
         for person in people:
             lanes = lanes.without(person.s, person.d, 0.8)
         home = lanes.gap(0.0, config.corridor, -config.beside)
+        flank = lanes.gap(0.0, config.flank, -config.beside)
+        home = min(home, flank) if flank < config.flank_reach else home
         passing = lanes.gap(config.lane_width, config.corridor, -config.beside)
         self._neighbour.update(home, speed)
         self._mode = self._next_mode(home, passing, lane.lateral_offset, speed)
@@ -196,7 +205,7 @@ class FSMExpert:
             self._reference, self._rate = offset, 0.0
         left = self._goal() - self._reference
         brake = math.sqrt(2.0 * config.shift_acceleration * abs(left))
-        fastest = min(config.shift_rate, config.max_slope * speed)
+        fastest = min(config.shift_rate, max(config.max_slope * speed, config.creep_rate))
         wanted = math.copysign(min(fastest, brake, abs(left) / dt), left)
         step = config.shift_acceleration * dt
         self._rate += max(-step, min(step, wanted - self._rate))

@@ -17,17 +17,19 @@ class LateralConfig:
         heading_time: Time constant with which a heading error is driven out [s].
         max_approach: Largest angle at which the lane's centre is approached [rad].
         preview_time: Look-ahead of the curvature feed-forward [s].
-        min_speed: Below which the gains stop growing [m/s]: the steering cannot follow faster ones.
+        min_speed: Below which the offset's gain stops growing [m/s].
+        min_turn_speed: The same of the heading's [m/s]: the inner loop is the faster one.
     """
 
     offset_time: float = 1.0
     heading_time: float = 0.45
-    max_approach: float = 0.4
+    max_approach: float = 0.5
     preview_time: float = 0.15
     min_speed: float = 3.5
+    min_turn_speed: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("offset_time", "heading_time", "max_approach", "min_speed"):
+        for name in ("offset_time", "heading_time", "max_approach", "min_speed", "min_turn_speed"):
             if not getattr(self, name) > 0.0:
                 raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
 
@@ -45,7 +47,8 @@ def steer(
     With e the offset error, r the rate of the wanted offset, psi the heading error and kappa the
     previewed curvature:
 
-        psi_ref = sat(r / v - e / (v · T_e)),  delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
+        psi_ref = sat(r / v - e / (v · T_e))
+        delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
 
     so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
     curvature is that of a parallel line, kappa / (1 - kappa · e).
@@ -64,5 +67,6 @@ def steer(
     heading = max(-config.max_approach, min(config.max_approach, approach))
     curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
     curvature /= max(0.4, 1.0 - curvature * lane.lateral_offset)
-    turn = curvature + (heading - lane.heading_error) / (v * config.heading_time)
+    reach = max(speed, config.min_turn_speed) * config.heading_time
+    turn = curvature + (heading - lane.heading_error) / reach
     return math.atan(wheelbase * turn)

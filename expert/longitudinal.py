@@ -20,6 +20,7 @@ class LongitudinalConfig:
         standoff: Distance to stop behind an obstacle [m].
         creep_speed: At which the car still steers free of it inside that distance [m/s].
         creep_gap: Distance at which it stands for good [m].
+        blind_speed: While the lane is not seen [m/s].
         preview: Stretch of lane whose curvature counts [m].
         pace_time: Time constant with which the speed follows the estimated bend [s]: the estimate
             is noisy, and who follows its noise makes the passengers nod.
@@ -32,6 +33,7 @@ class LongitudinalConfig:
     standoff: float = 4.0
     creep_speed: float = 0.8
     creep_gap: float = 1.2
+    blind_speed: float = 3.0
     preview: float = 20.0
     pace_time: float = 0.6
 
@@ -51,10 +53,14 @@ class LongitudinalConfig:
 def bend_speed(config: LongitudinalConfig, lane: LaneEstimate) -> float:
     """Speed at which the lane's bends are comfortable, sqrt(a_lat / |kappa|), at most cruise [m/s].
 
+    While the lane is not seen, `blind_speed`.
+
     Args:
         config: How fast the expert drives.
         lane: Estimated lane pose and curvature.
     """
+    if not lane.valid:
+        return config.blind_speed
     end = lane.curvature + lane.curvature_rate * config.preview
     here = lane.curvature / max(0.4, 1.0 - lane.curvature * lane.lateral_offset)
     bend = max(abs(here), abs(end), 1e-6)

@@ -13,8 +13,8 @@ r"""Lane pose and shape from the camera image, by classical means.
    poor fit: no measurement.
 
 Where the yellow line is out of view, white lines are told apart by the last fit, moved on with the
-car, for at most `MAX_COAST` seconds. A fit without a last one could be off by a whole lane: it
-would put grass on the road, and is not believed.
+car, for at most `MAX_COAST` seconds; without one, the line with grass to its right is the road's
+edge. A first fit that would put grass on the road is off by a lane and not believed.
 """
 
 from __future__ import annotations
@@ -58,6 +58,9 @@ GREEN, MAX_GREEN = 1.25, 6
 
 MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08
 """Deviations beyond which there is no measurement [m], [rad]."""
+
+VERGE = 1.0
+"""Distance to the right of the edge line at which there is grass behind the kerb [m]."""
 
 DARKEST = 5.0
 """Grey of the road below which nothing is measured [1/255]."""
@@ -149,6 +152,7 @@ class LaneCamera:
         self._nearest: Mask = self._seen & (x < WHITE_FAR)
         near = np.flatnonzero(self._seen & (np.abs(y) < 2.0) & (x < 14.0))
         self._lane = near[:: 1 + len(near) // MAX_PIXELS]
+        self._beside = _shifted(self._points.reshape(-1, eye.size, 2)[..., 1], VERGE)
         self.reset()
 
     def reset(self) -> None:
@@ -211,19 +215,21 @@ class LaneCamera:
         yellowness = np.minimum(red, green) - blue
         yellow = self._seen & (yellowness > YELLOW) & (green > 0.6 * red)
         white = self._nearest & (np.minimum(np.minimum(red, green), blue) > WHITE)
-        found = self._fit(self._thinned(yellow), self._thinned(white))
-        if found is None or self._last is not None:
-            return found
-        grass = self._nearest & (green > GREEN * np.maximum(red, blue))
-        return None if _covers(found[0].x, self._thinned(grass)) else found
+        if self._last is not None:
+            return self._fit(self._thinned(yellow), self._thinned(white), self._last)
+        grass = green > GREEN * np.maximum(red, blue)
+        guess = _from_edge(self._thinned(white & grass[self._beside]))
+        found = self._fit(self._thinned(yellow), self._thinned(white), guess)
+        if found is None or _covers(found[0].x, self._thinned(self._nearest & grass)):
+            return None
+        return found
 
     def _thinned(self, mask: Mask) -> Array:
         """Ground points (n, 2) of at most about `MAX_PIXELS` pixels of a mask, evenly chosen."""
         chosen = np.flatnonzero(mask)
         return self._points[chosen[:: 1 + len(chosen) // MAX_PIXELS]]
 
-    def _fit(self, yellow: Array, white: Array) -> tuple[_Fit, bool] | None:
-        start = self._last
+    def _fit(self, yellow: Array, white: Array, start: Array | None) -> tuple[_Fit, bool] | None:
         if start is not None and len(yellow) >= MIN_YELLOW:
             joint = self._solve(_associate(yellow, white, start), 2)
             if joint.strays <= 0.15 * (joint.support + joint.strays):
@@ -330,6 +336,23 @@ def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
     keep[:first] = True
     placed = (s[keep], d[keep], jacobian[keep])
     return _Sighting(points[keep], lines[keep], sigma[keep], x, placed)
+
+
+def _shifted(y: Array, way: float) -> NDArray[np.int64]:
+    """Flat index of the pixel `way` [m] to the right of each, for ground offsets `y` (m, n) [m]."""
+    width = np.abs(np.diff(y, axis=1, append=2.0 * y[:, -1:] - y[:, -2:-1]))
+    rows, columns = np.indices(y.shape)
+    right = columns + np.rint(way / np.maximum(width, 1e-6)).astype(np.int64)
+    return np.asarray((rows * y.shape[1] + np.minimum(right, y.shape[1] - 1)).ravel())
+
+
+def _from_edge(edge: Array) -> Array | None:
+    """First guess (4,) from ground points (n, 2) of the edge line; None where it is not seen."""
+    if len(edge) < MIN_WHITE:
+        return None
+    guess = _parabola(edge)
+    guess[0] -= EDGE_LINE
+    return guess
 
 
 def _covers(x: Array, grass: Array) -> bool:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irl_dal.envs.pedestrian import Crossing, draw_crossing
-from irl_dal.envs.road import HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
+from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
 from irl_dal.envs.vehicle import FRONT_BUMPER, REAR_OVERHANG
 from irl_dal.envs.world import Colour, World
 
@@ -23,6 +23,9 @@ ACTIVE = 85.0
 
 PULL_OUT = 60.0
 """Distance to the ego at which a slow car begins to drive [m]: else it would not be met."""
+
+HIDING = 25.0
+"""Distance behind a pedestrian in which a slow car could hide him from the ego [m]."""
 
 WIDEST_BEND = 1.0 / 20.0
 """Standing obstacles are not put where the centre line bends more than this [1/m]."""
@@ -132,11 +135,8 @@ class Traffic:
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
                 gap = obstacle.s - ego.s - FRONT_BUMPER
-                near = any(
-                    -4.0 < obstacle.s - car.s < 12.0 and car.kind == "car" and car.speed > 0.3
-                    for car in self.obstacles
-                )
-                obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=near)
+                wait = any(self._keeps_waiting(car, obstacle.s) for car in self.obstacles)
+                obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
                 continue
             elif obstacle.cruise != 0.0:
@@ -148,6 +148,10 @@ class Traffic:
         """Bodies of what is within `reach` [m] of `s`."""
         return [o.bodies[0] for o in self.obstacles if o.bodies and abs(o.s - s) < reach]
 
+    def _keeps_waiting(self, car: Obstacle, s: float) -> bool:
+        """Whether a pedestrian at `s` lets a slow car pass: it would hide him from the ego."""
+        return car.cruise > 0.0 and -4.0 < s - car.s < HIDING
+
     def _follow(self, car: Obstacle, ego: RoadPoint, dt: float) -> float:
         """Speed that keeps a distance to what is ahead in the car's own direction [m/s]."""
         way = 1.0 if car.cruise > 0.0 else -1.0
@@ -156,6 +160,7 @@ class Traffic:
             for other in self.obstacles
             if way * (other.s - car.s) > 0.0
             and abs(other.d - car.d) < (2.4 if other.crossing else 0.5 * LANE_WIDTH)
+            and other.d > -HALF_WIDTH
         ]
         if way > 0.0 and ego.s > car.s and abs(ego.d - car.d) < 0.75 * LANE_WIDTH:
             gaps.append(ego.s - REAR_OVERHANG - car.s - 0.5 * car.size[0])

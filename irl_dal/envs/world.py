@@ -34,8 +34,8 @@ Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 PHYSICS_STEP = 1.0 / 100.0
-"""Integration step [s]. Over random admissible commands the yaw rate is within 0.004 rad/s RMS of
-the bicycle's, at Bullet's usual 1/240 s with 50 iterations within 0.003, for four times the cost."""
+"""Integration step [s]: over random admissible commands the yaw rate is within 0.004 rad/s RMS of
+the bicycle's; Bullet's usual 1/240 s with 50 iterations gives 0.003 for four times the cost."""
 
 SOLVER_ITERATIONS = 20
 """Of Bullet's constraint solver: with ten, the wheels stay 0.1 m/s below their set-point."""
