@@ -1,26 +1,28 @@
-"""Expert drives with everything that a benchmark of the city looks at."""
+"""Drives with everything that a benchmark of the city looks at."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
 
-from expert import ExpertConfig, FSMExpert
-from irl_dal.envs import CityConfig, CityEnv
-from irl_dal.loop import ControlLoop, Supervision
-from shield import SafetyFilter, TriggerConfig
+from irl_dal.config import RunConfig
+from irl_dal.envs import CityConfig
+from irl_dal.evaluation.bench import AgentSpec, Bench
+from irl_dal.evaluation.workers import Workers
 
-__all__ = ["Drive", "expert_drives"]
+__all__ = ["Drive", "drives", "expert_drives"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One expert episode of T steps.
+    """One episode of T steps.
 
     Attributes:
         seed: Of the episode.
@@ -30,7 +32,7 @@ class Drive:
         measured: What the lane sensor said (T + 1,) [m]; NaN where it said nothing.
         tracked: What the tracker made of it (T + 1,) [m].
         valid: Whether the tracker vouched for it (T + 1,).
-        violations: Steps on which the expert's own command broke a bound.
+        violations: Steps on which the driver's own command broke a bound before the shield.
         commands: What was executed (T, 2) [rad, m/s].
     """
 
@@ -51,29 +53,57 @@ class Drive:
 
 
 def expert_drives(config: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
-    """Let the expert drive under its shield, one episode for each seed.
+    """Let the expert drive under its shield, one episode for each seed, in this process.
 
     On a track the n-th episode takes the n-th stretch.
     """
-    env = CityEnv(config)
-    expert = FSMExpert(ExpertConfig(max_range=config.lidar_range), env.limits)
-    watch = Supervision(safety_filter=SafetyFilter(env.limits))
-    loop = ControlLoop(env, expert, watch, TriggerConfig())
+    bench = Bench.build(replace(RunConfig(), env=config), AgentSpec("expert"))
     try:
-        for number, seed in enumerate(seeds):
-            yield _drive(loop, seed, number)
+        for task in enumerate(seeds):
+            yield _drive(bench, task)
     finally:
-        loop.close()
+        bench.close()
 
 
-def _drive(loop: ControlLoop, seed: int, number: int) -> Drive:
-    _, info = loop.reset(seed=seed, options={"stretch": number})
+def drives(
+    config: RunConfig,
+    spec: AgentSpec,
+    seeds: Sequence[int],
+    *,
+    jobs: int,
+    what: str,
+    console: Console,
+) -> list[Drive]:
+    """Let an agent drive, one episode for each seed, in several processes.
+
+    Args:
+        config: The city and, for a trained run, everything else.
+        spec: Who drives.
+        seeds: Of the episodes.
+        jobs: Number of processes.
+        what: Name in front of the progress bar.
+        console: Where it goes.
+
+    Raises:
+        CheckpointError: The run has no checkpoint that can be used.
+    """
+    with Workers(config, spec, jobs, console) as workers:
+        return workers.map(what, _drive, list(enumerate(seeds)))
+
+
+def _drive(bench: Bench, task: tuple[int, int]) -> Drive:
+    number, seed = task
+    loop, agent = bench.loop, bench.agent
+    observation, info = loop.reset(seed=seed, options={"stretch": number})
+    agent.reset(seed)
     rows, commands, violations, over = [_row(info)], [], 0, False
     while not over:
-        _, _, terminated, truncated, info = loop.step_expert()
+        action = agent.act(observation, info)
+        observation, _, terminated, truncated, info = agent.drive(loop, action)
         rows.append(_row(info))
         commands.append(info["executed_command"])
-        violations += info["nominal_violations"]["expert"]
+        own = info["nominal_violations"]
+        violations += own.get("expert", own.get("policy", False))
         over = terminated or truncated
     values = np.array(rows, np.float64)
     ends = (name for name in ("success", "collision", "off_road") if info[name])
@@ -90,7 +120,7 @@ def _drive(loop: ControlLoop, seed: int, number: int) -> Drive:
     )
 
 
-def _row(info: dict[str, object]) -> tuple[float, float, float, float]:
+def _row(info: Mapping[str, Any]) -> tuple[float, float, float, float]:
     measurement, lane = info["lane_measurement"], info["lane"]
-    seen = float("nan") if measurement is None else measurement.lateral_offset  # type: ignore[attr-defined]
-    return info["lateral_offset"], seen, lane.lateral_offset, lane.valid  # type: ignore[attr-defined, return-value]
+    seen = float("nan") if measurement is None else measurement.lateral_offset
+    return info["lateral_offset"], seen, lane.lateral_offset, lane.valid

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from joblib import Parallel, delayed
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 import expert
 import irl_dal.envs
@@ -23,15 +21,10 @@ from irl_dal.evaluation.measurements import HeldOutActions, Measurements, PathPa
 from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.references import ReferenceCache
 from irl_dal.evaluation.rollout import spread_steps
+from irl_dal.evaluation.workers import Workers
 from irl_dal.runs import provenance
 
 __all__ = ["Evaluation", "evaluate"]
-
-Item = TypeVar("Item")
-Result = TypeVar("Result")
-
-CHUNK = 4
-"""Largest number of items that a process works on before it reports."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +56,7 @@ def evaluate(
     """
     with one_thread():
         Bench.build(config, spec).close()  # what cannot be built says so here, once
-    with _Workers(config, spec, console) as workers:
+    with Workers(config, spec, config.evaluation.n_jobs, console) as workers:
         measurements = _measure(config, spec, runs, workers)
     rng = np.random.default_rng(config.evaluation.first_seed)
     report: dict[str, Value] = {
@@ -77,64 +70,7 @@ def evaluate(
     return Evaluation(measurements, report)
 
 
-class _Workers:
-    """Spreads work over processes and shows how far it is."""
-
-    def __init__(self, config: RunConfig, spec: AgentSpec, console: Console | None) -> None:
-        self._config = config
-        self._spec = spec
-        self._jobs = config.evaluation.n_jobs
-        self._progress = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=console is None,
-        )
-
-    def __enter__(self) -> _Workers:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
-
-    def map(
-        self, what: str, work: Callable[[Bench, Item], Result], items: Sequence[Item]
-    ) -> list[Result]:
-        """Results of `work` on each item, in their order."""
-        if not items:
-            return []
-        size = max(1, min(CHUNK, len(items) // (2 * self._jobs)))
-        chunks = [items[start : start + size] for start in range(0, len(items), size)]
-        task = self._progress.add_task(what, total=len(items))
-        results: list[Result] = []
-        parallel = Parallel(n_jobs=min(self._jobs, len(chunks)), return_as="generator")
-        calls = (delayed(_work)(self._config, self._spec, work, chunk) for chunk in chunks)
-        for done in parallel(calls):
-            results += done
-            self._progress.advance(task, len(done))
-        return results
-
-
-def _work(
-    config: RunConfig,
-    spec: AgentSpec,
-    work: Callable[[Bench, Item], Result],
-    items: Iterable[Item],
-) -> list[Result]:
-    """In a process of its own: build, work, leave."""
-    with one_thread():
-        bench = Bench.build(config, spec)
-        try:
-            return [work(bench, item) for item in items]
-        finally:
-            bench.close()
-
-
-def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: _Workers) -> Measurements:
+def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: Workers) -> Measurements:
     """Drive whatever is not known yet."""
     extent = config.evaluation
     seeds = list(range(extent.first_seed, extent.first_seed + extent.episodes))
@@ -157,7 +93,7 @@ def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: _Workers) 
     )
 
 
-def _pairs(config: RunConfig, experts: Sequence[Any], workers: _Workers) -> list[PathPair]:
+def _pairs(config: RunConfig, experts: Sequence[Any], workers: Workers) -> list[PathPair]:
     """Compare paths from states along held-out expert episodes."""
     extent = config.evaluation
     horizon = max(1, round(extent.path_duration / config.limits.dt))
