@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode
+from irl_dal.evaluation.plan_log import PlanLog
 
 __all__ = ["HeldOutActions", "Measurements", "PathPair", "ReferenceReturns"]
 
@@ -71,9 +72,11 @@ class Measurements:
         references: Returns on the same seeds in the same order; None where they were not driven.
         held_out: Answers on held-out expert states; None where they were not asked for.
         pairs: Stretches driven from states of held-out expert episodes.
+        state_plans: Plans made in logged states and not driven, one log per episode.
     """
 
     episodes: Sequence[Episode]
     references: ReferenceReturns | None = None
     held_out: HeldOutActions | None = None
     pairs: Sequence[PathPair] = ()
+    state_plans: Sequence[PlanLog] = ()
