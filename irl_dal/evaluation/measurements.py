@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.plan_log import PlanLog
 
-__all__ = ["HeldOutActions", "Measurements", "PathPair", "ReferenceReturns"]
+__all__ = ["ExpertPath", "HeldOutActions", "Measurements", "PathPair", "ReferenceReturns"]
 
 Array = NDArray[np.float64]
 
@@ -31,6 +31,24 @@ class HeldOutActions:
     mode: NDArray[np.int64]
     agent_action: Array
     expert_action: Array
+
+
+@dataclass(frozen=True, slots=True)
+class ExpertPath:
+    """Where the expert drove on a seed, all that paths are compared with.
+
+    Attributes:
+        seed: Of the episode.
+        pose: True x, y, yaw before the first and after each step (T+1, 3) [m, m, rad].
+    """
+
+    seed: int
+    pose: Array
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps T."""
+        return len(self.pose) - 1
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,133 @@
+"""The tables that a comparison prints, and the rows of those on its page."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from rich.box import SIMPLE_HEAD
+from rich.table import Table
+
+__all__ = ["DRIVE_COLUMNS", "STATE_COLUMNS", "Column", "cell", "comparison_tables"]
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of the table.
+
+    Attributes:
+        key: Name of the number in the report.
+        title: Above the column.
+        unit: Behind the title; "%" prints a fraction times 100.
+        digits: After the point.
+        better: Whether more (1) or less (-1) is better; 0 for neither.
+        printed: Whether the terminal has room for it.
+    """
+
+    key: str
+    title: str
+    unit: str = ""
+    digits: int = 2
+    better: int = 0
+    printed: bool = True
+
+    @property
+    def heading(self) -> str:
+        """Title and unit."""
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
+
+    def number(self, value: Any) -> str:
+        """A value, an en dash where there is none."""
+        if not isinstance(value, int | float):
+            return "–"
+        return f"{(100.0 if self.unit == '%' else 1.0) * value:.{self.digits}f}"
+
+
+DRIVE_COLUMNS = (
+    Column("success", "success", "%", 0, 1),
+    Column("collision_rate", "collided", "%", 0, -1),
+    Column("collisions_per_1k_steps", "collisions / 1k steps", "", 3, -1, printed=False),
+    Column("nominal_violation_rate", "violations before", "%", 2, -1),
+    Column("command_violation_rate", "violations after", "%", 2, -1),
+    Column("nominal_violation_rate_planner", "of the planner's", "%", 2, -1),
+    Column("correction_norm", "correction", "", 4, -1),
+    Column("comfort_rms_jerk", "RMS jerk", "m/s³", 1, -1),
+    Column("comfort_rms_steering_rate", "RMS steering rate", "rad/s", 3, -1, printed=False),
+    Column("ade_m", "ADE", "m", 2, -1, printed=False),
+    Column("fde_m", "FDE", "m", 2, -1, printed=False),
+    Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1, printed=False),
+    Column("latency_plan_p99_ms", "plan p99", "ms", 1, -1),
+)
+"""What is said of each arm."""
+
+STATE_COLUMNS = (
+    Column("state_plan_nominal_violation_rate", "violating before", "%", 1, -1),
+    Column("state_plan_violation_rate", "violating after", "%", 1, -1),
+    Column("state_plan_correction_norm", "correction", "", 4, -1),
+    Column("state_plan_energy_unguided", "energy before guidance", "", 3, -1),
+    Column("state_plan_energy_nominal", "before projection", "", 3, -1),
+    Column("state_plan_energy", "of the plan", "", 3, -1),
+    Column("state_plan_diversity_m", "diversity", "m", 2),
+)
+"""What is said of plans made in the same states."""
+
+
+def cell(column: Column, numbers: Mapping[str, Any]) -> tuple[str, str, str]:
+    """A number, its interval and its paired difference from the baseline with interval."""
+    value = column.number(numbers.get(column.key))
+    return (
+        value,
+        _interval(column, numbers.get(f"{column.key}_ci95")),
+        _difference(column, numbers),
+    )
+
+
+def comparison_tables(report: Mapping[str, Any]) -> list[Table]:
+    """What the command prints: one table per activation and one of the states."""
+    settings = report["settings"]
+    tables = []
+    for activation in settings["activations"]:
+        arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
+        title = f"{ACTIVATIONS[activation]}: {settings['episodes']} episodes"
+        tables.append(_table(title, DRIVE_COLUMNS, [(arm["label"], arm) for arm in arms]))
+    title = f"{settings['candidates']} plans in each of the same risky states, the same noise"
+    tables.append(_table(title, STATE_COLUMNS, list(report["states"].items())))
+    return tables
+
+
+ACTIVATIONS = {
+    "trigger": "planner on its trigger",
+    "always": "planner always on",
+    "alone": "planner alone",
+}
+"""Words for who is asked when."""
+
+
+def _table(
+    title: str, columns: Sequence[Column], rows: Sequence[tuple[str, Mapping[str, Any]]]
+) -> Table:
+    """Numbers in columns, the arms in rows."""
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table.add_column("", no_wrap=True)
+    shown = [column for column in columns if column.printed]
+    for column in shown:
+        table.add_column(column.heading, justify="right")
+    for name, numbers in rows:
+        table.add_row(name, *(column.number(numbers.get(column.key)) for column in shown))
+    return table
+
+
+def _interval(column: Column, bounds: Any) -> str:
+    if not isinstance(bounds, list):
+        return ""
+    return " … ".join(column.number(bound) for bound in bounds)
+
+
+def _difference(column: Column, numbers: Mapping[str, Any]) -> str:
+    """As "+1.2 (0.3 … 2.1)"; empty without one."""
+    value, bounds = (numbers.get(f"{column.key}_vs_none{end}") for end in ("", "_ci95"))
+    if value is None or bounds is None:
+        return ""
+    sign = "+" if value >= 0.0 else "−"
+    return f"{sign}{column.number(abs(value))} ({_interval(column, bounds)})"
