@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from irl_dal.comparison.style import GREY, MODE_COLOURS, drawing
 from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, Column
 from irl_dal.comparison.trace import DenoisingTrace
+from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
@@ -33,8 +34,14 @@ SHOWN = (
 )
 """Numbers that get a panel."""
 
-OFF = "#d81b60"
+OFF = "#e53935"
 """What is out of bounds."""
+
+DIGITS = 1e-9
+"""Share of a bound below which a difference is rounding."""
+
+SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
+"""Ticks of the used share of the bounds."""
 
 
 def draw_numbers(report: Mapping[str, Any], activation: str) -> Figure:
@@ -107,6 +114,7 @@ def draw_denoising(
             axes.set_title(f"k = {traces[0].k[index]}")
         for axes in grid[-1]:
             axes.set_xlabel("step of the plan")
+            axes.set_xticks(range(0, horizon + 1, max(1, horizon // 4)))
     return figure
 
 
@@ -115,16 +123,18 @@ def draw_paths(
 ) -> Figure:
     """Where the candidates lead, seen from above, with the scan; a panel per mode."""
     points, _ = scan_points(context)
-    with drawing(10.5, 3.4) as figure:
+    reach = 2.0 + limits.dt * max(float(t.plan.candidates[..., 1].sum(1).max()) for t in traces)
+    with drawing(10.5, 0.9 + 10.0 / len(traces) * 6.0 / (reach + 1.0)) as figure:
         for axes, trace in zip(figure.subplots(1, len(traces), sharey=True), traces, strict=True):
             path = EgoRollout.of(trace.plan.candidates, limits.wheelbase, limits.dt)
             zero = np.zeros((len(path.x), 1))
             x, y = np.hstack([zero, path.x]), np.hstack([zero, path.y])
+            _lane(axes, context, reach)
             axes.plot(points[:, 0], points[:, 1], ".", color=GREY, markersize=4.0)
             axes.plot(x.T, y.T, color=MODE_COLOURS[trace.label], linewidth=1.0, alpha=0.8)
             bad = sum(_broken(p, context.previous, limits).any() for p in trace.plan.candidates)
             axes.set_title(f"{trace.label}: {bad} of {len(x)} plans break a bound")
-            axes.set(xlim=(-1.0, 16.0), ylim=(-5.0, 5.0), aspect="equal", xlabel="ahead [m]")
+            axes.set(xlim=(-1.0, reach), ylim=(-3.0, 3.0), aspect="equal", xlabel="ahead [m]")
         figure.axes[0].set_ylabel("to the left [m]")
     return figure
 
@@ -160,6 +170,8 @@ def draw_commands(
         _lines(grid[1], limits.low[1], limits.high[1])
         _lines(grid[2], 1.0)
         grid[2, 0].set_yscale("symlog", linthresh=2.0)
+        grid[2, 0].set_yticks(SHARES, [f"{share:g}" for share in SHARES])
+        grid[2, 0].minorticks_off()
         names = ("steering [°]", "speed [m/s]", "largest share of a\nrate or lateral bound")
         for axes, name in zip(grid[:, 0], names, strict=True):
             axes.set_ylabel(name)
@@ -177,9 +189,24 @@ def _used(done: Array, before: Array, limits: ActuatorLimits) -> Array:
 
 
 def _broken(plan: Array, previous: Array, limits: ActuatorLimits) -> NDArray[np.bool_]:
-    """Which commands of a plan (H, 2) break a bound (H,)."""
-    pairs = zip(plan, [previous, *plan[:-1]], strict=True)
-    return np.array([limits.violated(now, last) for now, last in pairs])
+    """Which commands of a plan (H, 2) break a bound (H,).
+
+    Estimates come out of the loop in normalised units: their last digits do not count.
+    """
+    before = np.vstack([previous, plan[:-1]])
+    outside = np.maximum(plan - limits.high, limits.low - plan).max(axis=1)
+    return np.asarray((_used(plan, before, limits) > 1.0 + DIGITS) | (outside > DIGITS))
+
+
+def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:
+    """Edges of the own direction's lanes as they are estimated, to second order."""
+    lane = context.lane
+    if not lane.valid:
+        return
+    x = np.linspace(-1.0, reach, 30)
+    centre = -lane.lateral_offset - lane.heading_error * x + 0.5 * lane.curvature * x**2
+    for edge in (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH, 1.5 * LANE_WIDTH):
+        axes.plot(x, centre + edge, color=GREY, linewidth=1.0, linestyle=(0, (6, 4)))
 
 
 def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> None:

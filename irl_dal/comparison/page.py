@@ -22,7 +22,7 @@ from irl_dal.comparison.figures import (
 )
 from irl_dal.comparison.film import film_pair
 from irl_dal.comparison.style import MODE_COLOURS, picture, to_svg
-from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, STATE_COLUMNS, cell
+from irl_dal.comparison.table import ACTIVATIONS, RIDE_COLUMNS, SAFETY_COLUMNS, STATE_COLUMNS, cell
 from irl_dal.comparison.trace import telling_context, trace_plan
 from irl_dal.comparison.verdict import champion, findings
 from irl_dal.comparison.work import Subject, arm_bench
@@ -85,7 +85,8 @@ def render_page(report: Mapping[str, Any], figures: Sequence[_Shown], film: Path
         report=report,
         findings=findings(report),
         activations=ACTIVATIONS,
-        drive_columns=DRIVE_COLUMNS,
+        safety_columns=SAFETY_COLUMNS,
+        ride_columns=RIDE_COLUMNS,
         state_columns=STATE_COLUMNS,
         cell=cell,
         colours=MODE_COLOURS,

@@ -9,7 +9,16 @@ from typing import Any
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
-__all__ = ["DRIVE_COLUMNS", "STATE_COLUMNS", "Column", "cell", "comparison_tables"]
+__all__ = [
+    "ACTIVATIONS",
+    "DRIVE_COLUMNS",
+    "RIDE_COLUMNS",
+    "SAFETY_COLUMNS",
+    "STATE_COLUMNS",
+    "Column",
+    "cell",
+    "comparison_tables",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +31,6 @@ class Column:
         unit: Behind the title; "%" prints a fraction times 100.
         digits: After the point.
         better: Whether more (1) or less (-1) is better; 0 for neither.
-        printed: Whether the terminal has room for it.
     """
 
     key: str
@@ -30,7 +38,6 @@ class Column:
     unit: str = ""
     digits: int = 2
     better: int = 0
-    printed: bool = True
 
     @property
     def heading(self) -> str:
@@ -44,30 +51,36 @@ class Column:
         return f"{(100.0 if self.unit == '%' else 1.0) * value:.{self.digits}f}"
 
 
-DRIVE_COLUMNS = (
+SAFETY_COLUMNS = (
     Column("success", "success", "%", 0, 1),
-    Column("collision_rate", "collided", "%", 0, -1),
-    Column("collisions_per_1k_steps", "collisions / 1k steps", "", 3, -1, printed=False),
+    Column("collisions_per_1k_steps", "collisions / 1k steps", "", 2, -1),
+    Column("nominal_violation_rate_planner", "planner's violations", "%", 2, -1),
     Column("nominal_violation_rate", "violations before", "%", 2, -1),
     Column("command_violation_rate", "violations after", "%", 2, -1),
-    Column("nominal_violation_rate_planner", "of the planner's", "%", 2, -1),
-    Column("correction_norm", "correction", "", 4, -1),
-    Column("comfort_rms_jerk", "RMS jerk", "m/s³", 1, -1),
-    Column("comfort_rms_steering_rate", "RMS steering rate", "rad/s", 3, -1, printed=False),
-    Column("ade_m", "ADE", "m", 2, -1, printed=False),
-    Column("fde_m", "FDE", "m", 2, -1, printed=False),
-    Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1, printed=False),
-    Column("latency_plan_p99_ms", "plan p99", "ms", 1, -1),
+    Column("correction_norm", "correction", "", 3, -1),
 )
-"""What is said of each arm."""
+"""Said of each arm: outcome, bounds before and after the shield."""
+
+RIDE_COLUMNS = (
+    Column("comfort_rms_jerk", "RMS jerk", "m/s³", 1, -1),
+    Column("comfort_rms_steering_rate", "steering rate", "rad/s", 3, -1),
+    Column("comfort_max_lateral_acceleration", "lateral", "m/s²", 2, -1),
+    Column("ade_m", "ADE", "m", 2, -1),
+    Column("fde_m", "FDE", "m", 2, -1),
+    Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1),
+    Column("latency_plan_p99_ms", "p99", "ms", 1, -1),
+)
+"""Said of each arm: comfort, distance from the expert's path, time."""
+
+DRIVE_COLUMNS = SAFETY_COLUMNS + RIDE_COLUMNS
 
 STATE_COLUMNS = (
-    Column("state_plan_nominal_violation_rate", "violating before", "%", 1, -1),
-    Column("state_plan_violation_rate", "violating after", "%", 1, -1),
-    Column("state_plan_correction_norm", "correction", "", 4, -1),
-    Column("state_plan_energy_unguided", "energy before guidance", "", 3, -1),
-    Column("state_plan_energy_nominal", "before projection", "", 3, -1),
-    Column("state_plan_energy", "of the plan", "", 3, -1),
+    Column("state_plan_nominal_violation_rate", "broken before", "%", 1, -1),
+    Column("state_plan_violation_rate", "broken after", "%", 1, -1),
+    Column("state_plan_correction_norm", "correction", "", 3, -1),
+    Column("state_plan_energy_unguided", "energy, not yet guided", "", 3, -1),
+    Column("state_plan_energy_nominal", "not yet projected", "", 3, -1),
+    Column("state_plan_energy", "energy of the plan", "", 3, -1),
     Column("state_plan_diversity_m", "diversity", "m", 2),
 )
 """What is said of plans made in the same states."""
@@ -89,8 +102,9 @@ def comparison_tables(report: Mapping[str, Any]) -> list[Table]:
     tables = []
     for activation in settings["activations"]:
         arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
-        title = f"{ACTIVATIONS[activation]}: {settings['episodes']} episodes"
-        tables.append(_table(title, DRIVE_COLUMNS, [(arm["label"], arm) for arm in arms]))
+        title = f"{ACTIVATIONS[activation]}, {settings['episodes']} episodes"
+        for columns in (SAFETY_COLUMNS, RIDE_COLUMNS):
+            tables.append(_table(title, columns, [(arm["label"], arm) for arm in arms]))
     title = f"{settings['candidates']} plans in each of the same risky states, the same noise"
     tables.append(_table(title, STATE_COLUMNS, list(report["states"].items())))
     return tables
@@ -110,11 +124,10 @@ def _table(
     """Numbers in columns, the arms in rows."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
-    shown = [column for column in columns if column.printed]
-    for column in shown:
+    for column in columns:
         table.add_column(column.heading, justify="right")
     for name, numbers in rows:
-        table.add_row(name, *(column.number(numbers.get(column.key)) for column in shown))
+        table.add_row(name, *(column.number(numbers.get(column.key)) for column in columns))
     return table
 
 

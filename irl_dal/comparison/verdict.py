@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from irl_dal.comparison.table import ACTIVATIONS
 from irl_dal.planner import ProjectionMode
 
 __all__ = ["champion", "findings"]
@@ -58,9 +59,9 @@ def findings(report: Mapping[str, Any]) -> list[str]:
     ours, theirs = arms[f"{first}-{best}-shield"], arms[f"{first}-none-bare"]
     held = "not one command" if worst == 0.0 else f"up to {100.0 * worst:.2f} % of the commands"
     sentences = [
-        f"Pure diffusion executed {100.0 * pure['command_violation_rate']:.1f} % of its commands "
-        f"out of bounds; with the shield {held} did, over "
-        f"{sum(arm['steps'] for arm in shielded):,} steps."
+        f"Of the commands that pure diffusion executed ({ACTIVATIONS[activation]}), "
+        f"{100.0 * pure['command_violation_rate']:.1f} % broke a bound; with the shield {held} "
+        f"did, in {sum(arm['steps'] for arm in shielded):,} steps."
     ]
     sentences.append(
         f"{best} with the shield succeeded in {100.0 * ours['success']:.0f} % of the episodes, "
