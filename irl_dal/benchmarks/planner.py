@@ -19,7 +19,7 @@ from torch import Tensor
 from irl_dal.benchmarks.plain_loop import PlainLoop
 from irl_dal.build import build_loop, build_planner, expert_supervision
 from irl_dal.checkpoint import CheckpointStore
-from irl_dal.config import RunConfig
+from irl_dal.config import ConfigError, RunConfig
 from irl_dal.planner import DiffusionPlanner, PlanningContext, TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
 from irl_dal.planner.projection import PlanProjection
@@ -98,7 +98,7 @@ def make_planner(config: RunConfig, run: Path | None = None, **settings: Any) ->
     """
     planner = build_planner(replace(config, planner=replace(config.planner, **settings)))
     if planner is None:
-        raise ValueError("`run` must have been trained with a planner.")
+        raise ConfigError(f"run = {str(run)!r}: was trained without a planner")
     if run is not None:
         state = CheckpointStore(open_run("run", run).path).load().state
         planner.load_state_dict(state["diffusion"]["network"])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.backends.backend_svg import FigureCanvasSVG
@@ -24,7 +25,7 @@ MODE_COLOURS = {
 }
 """One colour per projection mode, in every figure."""
 
-_LOOK = {
+_LOOK: dict[Any, Any] = {
     "font.family": ["sans-serif"],
     "font.size": 10.0,
     "axes.edgecolor": GREY,

@@ -31,6 +31,7 @@ class Column:
         unit: Behind the title; "%" prints a fraction times 100.
         digits: After the point.
         better: Whether more (1) or less (-1) is better; 0 for neither.
+        short: Title where there is little room, "" for the same.
     """
 
     key: str
@@ -38,6 +39,7 @@ class Column:
     unit: str = ""
     digits: int = 2
     better: int = 0
+    short: str = ""
 
     @property
     def heading(self) -> str:
@@ -53,21 +55,23 @@ class Column:
 
 SAFETY_COLUMNS = (
     Column("success", "success", "%", 0, 1),
-    Column("collisions_per_1k_steps", "collisions / 1k steps", "", 2, -1),
-    Column("nominal_violation_rate_planner", "planner's violations", "%", 2, -1),
-    Column("nominal_violation_rate", "violations before", "%", 2, -1),
-    Column("command_violation_rate", "violations after", "%", 2, -1),
-    Column("correction_norm", "correction", "", 3, -1),
+    Column("collisions_per_1k_steps", "collisions / 1k steps", "", 2, -1, short="crashes /1k"),
+    Column(
+        "nominal_violation_rate_planner", "planner's violations", "%", 2, -1, short="planner out"
+    ),
+    Column("nominal_violation_rate", "violations before", "%", 2, -1, short="before shield"),
+    Column("command_violation_rate", "violations after", "%", 2, -1, short="after shield"),
+    Column("correction_norm", "correction", "", 3, -1, short="corr."),
 )
 """Said of each arm: outcome, bounds before and after the shield."""
 
 RIDE_COLUMNS = (
     Column("comfort_rms_jerk", "RMS jerk", "m/s³", 1, -1),
-    Column("comfort_rms_steering_rate", "steering rate", "rad/s", 3, -1),
+    Column("comfort_rms_steering_rate", "steering rate", "rad/s", 3, -1, short="steer"),
     Column("comfort_max_lateral_acceleration", "lateral", "m/s²", 2, -1),
     Column("ade_m", "ADE", "m", 2, -1),
     Column("fde_m", "FDE", "m", 2, -1),
-    Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1),
+    Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1, short="p50"),
     Column("latency_plan_p99_ms", "p99", "ms", 1, -1),
 )
 """Said of each arm: comfort, distance from the expert's path, time."""
@@ -75,13 +79,13 @@ RIDE_COLUMNS = (
 DRIVE_COLUMNS = SAFETY_COLUMNS + RIDE_COLUMNS
 
 STATE_COLUMNS = (
-    Column("state_plan_nominal_violation_rate", "broken before", "%", 1, -1),
-    Column("state_plan_violation_rate", "broken after", "%", 1, -1),
-    Column("state_plan_correction_norm", "correction", "", 3, -1),
-    Column("state_plan_energy_unguided", "energy, not yet guided", "", 3, -1),
-    Column("state_plan_energy_nominal", "not yet projected", "", 3, -1),
-    Column("state_plan_energy", "energy of the plan", "", 3, -1),
-    Column("state_plan_diversity_m", "diversity", "m", 2),
+    Column("state_plan_nominal_violation_rate", "broken before", "%", 1, -1, short="before"),
+    Column("state_plan_violation_rate", "broken after", "%", 1, -1, short="after"),
+    Column("state_plan_correction_norm", "correction", "", 3, -1, short="corr."),
+    Column("state_plan_energy_unguided", "energy, not yet guided", "", 3, -1, short="energy:"),
+    Column("state_plan_energy_nominal", "not yet projected", "", 3, -1, short="guided"),
+    Column("state_plan_energy", "energy of the plan", "", 3, -1, short="of plan"),
+    Column("state_plan_diversity_m", "diversity", "m", 2, short="spread"),
 )
 """What is said of plans made in the same states."""
 
@@ -125,7 +129,8 @@ def _table(
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
     for column in columns:
-        table.add_column(column.heading, justify="right")
+        unit = f" [{column.unit}]" if column.unit else ""
+        table.add_column((column.short or column.title) + unit, justify="right")
     for name, numbers in rows:
         table.add_row(name, *(column.number(numbers.get(column.key)) for column in columns))
     return table
