@@ -29,6 +29,9 @@ from shield.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
 
+PATIENCE = 10.0
+"""Longest time for a projection without a deadline [s]: a busy machine must not change a result."""
+
 
 class DiffusionPlanner:
     """Plans a horizon of commands by guided, projected denoising (the paper's P_DAL).
@@ -61,7 +64,8 @@ class DiffusionPlanner:
         self.counts: Counter[str] = Counter()
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
         self._sampler = config.make_sampler()
-        self._projector = HorizonProjector(limits, config.horizon)
+        patience = PATIENCE if config.deadline is None else 0.5 * config.deadline
+        self._projector = HorizonProjector(limits, config.horizon, deadline=patience)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
