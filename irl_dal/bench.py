@@ -1,10 +1,11 @@
-"""Measure the city.
+"""Measure the city and the planner.
 
 python -m irl_dal.bench env     steps per second beside CarRacing-v3 and racetrack-v0
 python -m irl_dal.bench lane    lane measurement against the truth
 python -m irl_dal.bench expert  success of the expert
 python -m irl_dal.bench faults  success of the expert under each fault
 python -m irl_dal.bench car     step responses of the vehicle
+python -m irl_dal.bench planner how long a plan takes, and where the time goes [--run DIR]
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ import sys
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 
 from rich.console import Console
 from rich.table import Table
@@ -21,8 +23,12 @@ from rich.table import Table
 from irl_dal.benchmarks.car import car_tables
 from irl_dal.benchmarks.drive import Drive, expert_drives
 from irl_dal.benchmarks.lane import lane_table
+from irl_dal.benchmarks.planner import planner_tables
 from irl_dal.benchmarks.speed import compare_speed, missing_peers, parts_table, speed_table
+from irl_dal.checkpoint import CheckpointError
+from irl_dal.config import ConfigError
 from irl_dal.envs import FAULTS, CityConfig
+from irl_dal.evaluation.bench import one_thread
 
 __all__ = ["main"]
 
@@ -51,6 +57,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     seeds = range(asked.first_seed, asked.first_seed + asked.episodes)
     if asked.what == "env":
         _speed(console, config, asked.rounds, asked.steps)
+    elif asked.what == "planner":
+        return _planner(console, asked.run, asked.rounds, asked.contexts)
     elif asked.what == "car":
         console.print(*car_tables())
     elif asked.what == "faults":
@@ -65,15 +73,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m irl_dal.bench", description="Measure the city."
+        prog="python -m irl_dal.bench", description="Measure the city and the planner."
     )
-    parser.add_argument("what", choices=("env", "lane", "expert", "faults", "car"))
+    parser.add_argument("what", choices=("env", "lane", "expert", "faults", "car", "planner"))
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--difficulty", default="paper", help="easy, paper or hard")
     parser.add_argument("--track", default=None, help="TUM centre-line CSV file")
     parser.add_argument("--route-length", type=float, default=300.0, help="of a stretch of it [m]")
+    parser.add_argument("--run", type=Path, default=None, help="folder with a trained planner")
     parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--contexts", type=int, default=60, help="states to plan in")
     parser.add_argument("--steps", type=int, default=100, help="in one round")
     return parser
 
@@ -83,6 +93,17 @@ def _speed(console: Console, config: CityConfig, rounds: int, steps: int) -> Non
     for name, package in missing_peers().items():
         console.print(f"{name} is not installed: pip install {package}")
     console.print(parts_table(rounds * steps, config))
+
+
+def _planner(console: Console, run: Path | None, rounds: int, contexts: int) -> int:
+    try:
+        with one_thread():
+            for part in planner_tables(run, rounds, contexts):
+                console.print(part)
+    except (ConfigError, CheckpointError) as error:
+        print(f"error: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 def _fault_drives(config: CityConfig, seeds: Sequence[int]) -> dict[str, list[Drive]]:

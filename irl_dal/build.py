@@ -25,6 +25,10 @@ __all__ = [
     "supervision",
 ]
 
+PATIENCE = 10.0
+"""Longest time for a shield call in simulated time [s], which stands still meanwhile: a busy
+machine must not change a result."""
+
 _STREAM = (1_000,)
 """Spawn key of the planner's random stream: none of those that learning splits the seed into."""
 
@@ -103,4 +107,4 @@ def load_run(
 
 
 def _safety_filter(config: RunConfig) -> SafetyFilter:
-    return SafetyFilter(config.limits, config.shield.solver)
+    return SafetyFilter(config.limits, config.shield.solver, deadline=PATIENCE)

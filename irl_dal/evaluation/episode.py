@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.evaluation.plan_log import PlanLog
 from irl_dal.loop import SOURCES
-from shield import Status
 
 __all__ = ["Episode", "EpisodeRecorder"]
 
@@ -44,8 +44,7 @@ class Episode:
         nominal_violations: 1 where a source's proposal broke a bound before the shield, 0 where it
             did not, -1 where the source proposed nothing (T, 4); columns as `irl_dal.loop.SOURCES`.
         shield_time: Duration of each shield call (T,) [s]; NaN where the shield is off.
-        plan_latency: Duration of each plan (P,) [s].
-        plan_projected: The projection changed the plan (P,).
+        plans: The P plans that were made.
     """
 
     seed: int
@@ -65,8 +64,7 @@ class Episode:
     triggered: NDArray[np.bool_]
     nominal_violations: NDArray[np.int8]
     shield_time: Array
-    plan_latency: Array
-    plan_projected: NDArray[np.bool_]
+    plans: PlanLog
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -129,7 +127,7 @@ class EpisodeRecorder:
         after = [step.after for step in self._steps]
         before = [step.before for step in self._steps]
         certificates = [info.get("certificate") for info in after]
-        plans = [info["plan"] for info in after if info.get("plan") is not None]
+        planned = [info for info in after if info.get("plan") is not None]
         return Episode(
             seed=self.seed,
             success=bool(self._last["success"]),
@@ -148,8 +146,9 @@ class EpisodeRecorder:
             triggered=np.array([info["triggered"] for info in after], np.bool_),
             nominal_violations=np.stack([_violations(info) for info in after]),
             shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),
-            plan_latency=np.array([plan.latency for plan in plans], np.float64),
-            plan_projected=np.array([plan.status != Status.NOMINAL for plan in plans], np.bool_),
+            plans=PlanLog.of(
+                [info["plan"] for info in planned], [info["previous_command"] for info in planned]
+            ),
         )
 
 

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode
+from irl_dal.evaluation.plan_log import PlanLog
 
-__all__ = ["HeldOutActions", "Measurements", "PathPair", "ReferenceReturns"]
+__all__ = ["ExpertPath", "HeldOutActions", "Measurements", "PathPair", "ReferenceReturns"]
 
 Array = NDArray[np.float64]
 
@@ -30,6 +31,24 @@ class HeldOutActions:
     mode: NDArray[np.int64]
     agent_action: Array
     expert_action: Array
+
+
+@dataclass(frozen=True, slots=True)
+class ExpertPath:
+    """Where the expert drove on a seed, all that paths are compared with.
+
+    Attributes:
+        seed: Of the episode.
+        pose: True x, y, yaw before the first and after each step (T+1, 3) [m, m, rad].
+    """
+
+    seed: int
+    pose: Array
+
+    @property
+    def steps(self) -> int:
+        """Number of control steps T."""
+        return len(self.pose) - 1
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,9 +90,11 @@ class Measurements:
         references: Returns on the same seeds in the same order; None where they were not driven.
         held_out: Answers on held-out expert states; None where they were not asked for.
         pairs: Stretches driven from states of held-out expert episodes.
+        state_plans: Plans made in logged states and not driven, one log per episode.
     """
 
     episodes: Sequence[Episode]
     references: ReferenceReturns | None = None
     held_out: HeldOutActions | None = None
     pairs: Sequence[PathPair] = ()
+    state_plans: Sequence[PlanLog] = ()

@@ -21,7 +21,15 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
   proposed, over the steps on which they did.
 * `intervention_rate`: share of steps on which the planner was triggered.
 * `projection_active_rate`: share of steps on which the shield changed the command.
-  `plan_projection_rate`: share of plans that the planner's own projection changed.
+  `plan_projection_rate`: share of plans that the planner's own projection changed;
+  `plan_fallback_rate`: share of plans without a usable sample.
+* `plan_nominal_violation_rate`, `plan_violation_rate`: share of plans of which any command breaks a
+  bound, from the last executed command on, before the last projection and as handed over.
+  `plan_correction_norm`: mean norm over their steps of what that projection changed, normalised
+  units. `plan_energy_unguided`, `plan_energy_nominal`, `plan_energy`: mean energy of the last
+  estimate before its guidance step, before its projection, and of the plan, fallbacks left out.
+  `plan_diversity_m`: mean distance between the ends of two candidates of a plan [m].
+  `state_plan_*`: the same of plans that were made in logged states and not driven.
 * `correction_norm`: mean norm of executed minus nominal action, normalised units.
 * `comfort_rms_jerk` [m/s^3], `comfort_max_lateral_acceleration` [m/s^2] (true speed times true yaw
   rate), `comfort_rms_steering_rate` [rad/s] (of the executed command).
@@ -34,10 +42,12 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.distance import pdist
 
 from expert import Mode
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.measurements import HeldOutActions, Measurements, ReferenceReturns
+from irl_dal.evaluation.plan_log import PlanLog
 from irl_dal.evaluation.statistics import (
     Estimate,
     Statistic,
@@ -48,9 +58,18 @@ from irl_dal.evaluation.statistics import (
     root_ratio,
 )
 from irl_dal.loop import SOURCES
+from irl_dal.planner.rollout import EgoRollout
 from shield import ActuatorLimits
 
-__all__ = ["METRICS", "Value", "compute_metrics"]
+__all__ = [
+    "METRICS",
+    "PLAN_METRICS",
+    "STATISTICS",
+    "Value",
+    "compute_metrics",
+    "latencies",
+    "metric_rows",
+]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +80,8 @@ RETURN_SCALE = 200.0
 """The expert's normalised return."""
 
 _Rows = Callable[[Episode, ActuatorLimits], Sequence[float] | tuple[float, ...]]
+
+_PlanRow = Callable[[PlanLog, ActuatorLimits], tuple[float, float]]
 
 
 def compute_metrics(
@@ -94,25 +115,50 @@ def compute_metrics(
             report[f"{name}_ci95"] = [result.low, result.high]
         else:
             report[f"{name}_ci95"] = None
-    return report | _latencies(episodes)
+    return report | latencies(
+        np.concatenate([episode.plans.latency for episode in episodes]),
+        np.concatenate([episode.shield_time for episode in episodes]),
+    )
 
 
 def _estimates(
     measurements: Measurements, limits: ActuatorLimits, rng: np.random.Generator
 ) -> dict[str, Estimate]:
     """Each metric that has an interval."""
-    results = {
-        name: estimate([row(episode, limits) for episode in measurements.episodes], statistic, rng)
-        for name, (row, statistic) in METRICS.items()
+    rows = metric_rows(measurements, limits)
+    rows["normalized_return"] = _return_rows(measurements.episodes, measurements.references)
+    rows["bc_loss"] = _held_out_rows(measurements.held_out)
+    return {name: estimate(table, STATISTICS[name], rng) for name, table in rows.items()}
+
+
+def metric_rows(measurements: Measurements, limits: ActuatorLimits) -> dict[str, Array]:
+    """What the numbers that need no reference are made of, one row per episode, stretch or log.
+
+    Rows of several evaluations can be joined: `STATISTICS[name]` of them is the number.
+
+    Args:
+        measurements: What was logged.
+        limits: The bounds that commands are judged by.
+
+    Returns:
+        Name -> (N, K).
+    """
+    episodes = measurements.episodes
+    rows = {
+        name: np.array([row(episode, limits) for episode in episodes], np.float64)
+        for name, (row, _) in METRICS.items()
     }
-    results["normalized_return"] = estimate(
-        _return_rows(measurements.episodes, measurements.references), _normalized_return, rng
-    )
-    results["bc_loss"] = estimate(_held_out_rows(measurements.held_out), balanced_mean, rng)
+    for prefix, logs in (
+        ("", [episode.plans for episode in episodes]),
+        ("state_", measurements.state_plans),
+    ):
+        for name, row in PLAN_METRICS.items():
+            found = [row(log, limits) for log in logs]
+            rows[prefix + name] = np.array(found, np.float64).reshape(-1, 2)
     distances = [np.linalg.norm(p.agent - p.expert, axis=1) for p in measurements.pairs]
-    results["ade_m"] = estimate(_pairs_rows([d.mean() for d in distances]), ratio, rng)
-    results["fde_m"] = estimate(_pairs_rows([d[-1] for d in distances]), ratio, rng)
-    return results
+    rows["ade_m"] = _pairs_rows([d.mean() for d in distances])
+    rows["fde_m"] = _pairs_rows([d[-1] for d in distances])
+    return rows
 
 
 def _share(flag: Callable[[Episode], bool]) -> _Rows:
@@ -156,8 +202,49 @@ def _correction(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]
     return float(np.linalg.norm(change, axis=1).sum()), float(episode.steps)
 
 
-def _plan_projection(episode: Episode, _limits: ActuatorLimits) -> tuple[float, float]:
-    return float(episode.plan_projected.sum()), float(len(episode.plan_projected))
+def _plan_share(flags: Callable[[PlanLog], Array | NDArray[np.bool_]]) -> _PlanRow:
+    """Rows for a share of plans."""
+    return lambda log, _limits: (float(flags(log).sum()), float(len(log)))
+
+
+def _plan_violations(commands: Callable[[PlanLog], Array]) -> _PlanRow:
+    """Rows for the share of plans that break a bound anywhere, from the last command on."""
+
+    def row(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
+        broken = [
+            any(map(limits.violated, plan, np.vstack([previous, plan[:-1]])))
+            for plan, previous in zip(commands(log), log.previous, strict=True)
+        ]
+        return float(sum(broken)), float(len(log))
+
+    return row
+
+
+def _plan_correction(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
+    change = limits.to_action(log.actions) - limits.to_action(log.nominal)
+    norms = np.linalg.norm(change, axis=2)
+    return float(norms.sum()), float(norms.size)
+
+
+def _plan_energy(column: int) -> _PlanRow:
+    """Rows for a mean energy."""
+
+    def row(log: PlanLog, _limits: ActuatorLimits) -> tuple[float, float]:
+        known = log.energy[np.isfinite(log.energy[:, column]), column]
+        return float(known.sum()), float(len(known))
+
+    return row
+
+
+def _plan_diversity(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
+    count = log.candidates.shape[1]
+    if count < 2:
+        return 0.0, 0.0
+    total = 0.0
+    for candidates in log.candidates:
+        path = EgoRollout.of(candidates, limits.wheelbase, limits.dt)
+        total += float(pdist(np.column_stack([path.x[:, -1], path.y[:, -1]])).mean())
+    return total, float(len(log))
 
 
 def _jerk(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
@@ -193,13 +280,25 @@ METRICS: dict[str, tuple[_Rows, Statistic]] = {
     **{f"nominal_violation_rate_{s}": (_source(i), ratio) for i, s in enumerate(SOURCES)},
     "intervention_rate": (_per_step(lambda e: e.triggered.sum()), ratio),
     "projection_active_rate": (_per_step(lambda e: e.projected.sum()), ratio),
-    "plan_projection_rate": (_plan_projection, ratio),
     "correction_norm": (_correction, ratio),
     "comfort_rms_jerk": (_jerk, root_ratio),
     "comfort_max_lateral_acceleration": (_lateral_acceleration, maximum),
     "comfort_rms_steering_rate": (_steering_rate, root_ratio),
 }
 """Name -> (row of one episode, statistic of all rows): the metrics that episodes alone decide."""
+
+PLAN_METRICS: dict[str, _PlanRow] = {
+    "plan_projection_rate": _plan_share(lambda log: log.changed),
+    "plan_fallback_rate": _plan_share(lambda log: log.fallback),
+    "plan_nominal_violation_rate": _plan_violations(lambda log: log.nominal),
+    "plan_violation_rate": _plan_violations(lambda log: log.actions),
+    "plan_correction_norm": _plan_correction,
+    "plan_energy_unguided": _plan_energy(0),
+    "plan_energy_nominal": _plan_energy(1),
+    "plan_energy": _plan_energy(2),
+    "plan_diversity_m": _plan_diversity,
+}
+"""Name -> row of one log of plans; the statistic is the ratio."""
 
 
 def _normalized_return(rows: Array) -> Array:
@@ -209,6 +308,17 @@ def _normalized_return(rows: Array) -> Array:
     scaled = np.divide(agent - random, gap, out=np.full_like(gap, np.nan), where=gap != 0.0)
     clipped: Array = np.clip(RETURN_SCALE * scaled, 0.0, RETURN_SCALE)
     return clipped
+
+
+STATISTICS: dict[str, Statistic] = {
+    **{name: statistic for name, (_, statistic) in METRICS.items()},
+    **{f"{prefix}{name}": ratio for prefix in ("", "state_") for name in PLAN_METRICS},
+    "ade_m": ratio,
+    "fde_m": ratio,
+    "normalized_return": _normalized_return,
+    "bc_loss": balanced_mean,
+}
+"""Name -> statistic of its rows."""
 
 
 def _return_rows(episodes: Sequence[Episode], references: ReferenceReturns | None) -> Array:
@@ -235,14 +345,15 @@ def _pairs_rows(distances: Sequence[float]) -> Array:
     return np.column_stack([distances, np.ones(len(distances))])
 
 
-def _latencies(episodes: Sequence[Episode]) -> dict[str, Value]:
-    """Percentiles in milliseconds of all plans and of all shield calls."""
-    calls = {
-        "plan": np.concatenate([episode.plan_latency for episode in episodes]),
-        "shield": np.concatenate([episode.shield_time for episode in episodes]),
-    }
+def latencies(plan: Array, shield: Array) -> dict[str, Value]:
+    """Percentiles in milliseconds of all plans and of all shield calls.
+
+    Args:
+        plan: Durations of plans (P,) [s].
+        shield: Durations of shield calls (T,) [s]; NaN where the shield is off.
+    """
     report: dict[str, Value] = {}
-    for name, seconds in calls.items():
+    for name, seconds in (("plan", plan), ("shield", shield)):
         measured = 1e3 * seconds[np.isfinite(seconds)]
         for label, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
             value = float(np.percentile(measured, percent)) if len(measured) else None

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from irl_dal.evaluation.agents import Agent, ExpertAgent
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
-from irl_dal.evaluation.measurements import HeldOutActions, PathPair
+from irl_dal.evaluation.measurements import ExpertPath, HeldOutActions, PathPair
 from irl_dal.loop import ControlLoop, Observation, Supervision
 
 __all__ = ["Watcher", "compare_paths", "drive_episode", "drive_expert", "spread_steps"]
@@ -84,7 +84,7 @@ def compare_paths(
     loop: ControlLoop,
     reference: Supervision,
     agent: Agent,
-    expert: Episode,
+    expert: Episode | ExpertPath,
     step: int,
     horizon: int,
 ) -> PathPair:
@@ -97,7 +97,7 @@ def compare_paths(
         loop: The city with the agent's supervision.
         reference: Supervision that the expert drove under.
         agent: Who drives from the state on.
-        expert: The expert's episode.
+        expert: The expert's episode, or its path.
         step: Control step of the state in it; `step + horizon` must not exceed its length.
         horizon: Control steps K to drive.
 

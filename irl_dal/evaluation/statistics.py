@@ -8,7 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["Estimate", "Statistic", "balanced_mean", "estimate", "maximum", "ratio", "root_ratio"]
+__all__ = [
+    "Estimate",
+    "Statistic",
+    "balanced_mean",
+    "difference",
+    "estimate",
+    "maximum",
+    "ratio",
+    "root_ratio",
+]
 
 Array = NDArray[np.float64]
 
@@ -61,6 +70,20 @@ def balanced_mean(rows: Array) -> Array:
     means = _divide(sums, counts)
     present = counts > 0.0
     return _divide(np.where(present, means, 0.0).sum(axis=1), present.sum(axis=1))
+
+
+def difference(statistic: Statistic) -> Statistic:
+    """How much larger a statistic is on the first half of the columns than on the second.
+
+    Rows then pair two measurements of one episode (N, 2 K): both are resampled together.
+    """
+
+    def subtract(rows: Array) -> Array:
+        first, second = np.split(rows, 2, axis=2)
+        gap: Array = statistic(first) - statistic(second)
+        return gap
+
+    return subtract
 
 
 def estimate(

@@ -135,10 +135,11 @@ class ConditionalUnet1d(nn.Module):
             (B, H, 2): the clean chunk, or the noise, whichever it is trained for.
 
         Raises:
-            ValueError: An H that cannot be halved.
+            ValueError: An H that cannot be halved, or a context of another size.
         """
         if noisy.shape[1] % 2:
             raise ValueError(f"`horizon` must be even, the U-Net halves it. Got {noisy.shape[1]}.")
+        check_context(tuple(context.shape))
         film = self.condition(embed_step(k, self.config.embedding), context)
         terms = torch.split(film, [c for c in self.film_channels for _ in range(2)], dim=1)
         full = self.down(noisy.transpose(1, 2), terms[0], terms[1])
@@ -149,6 +150,16 @@ class ConditionalUnet1d(nn.Module):
         joined = torch.cat([doubled.transpose(1, 2), full], dim=1)
         prediction: Tensor = self.out(self.up(joined, terms[6], terms[7]))
         return prediction.transpose(1, 2)
+
+
+def check_context(shape: tuple[int, ...]) -> None:
+    """Refuse contexts that are not (B, 64).
+
+    Raises:
+        ValueError: They are not.
+    """
+    if len(shape) != 2 or shape[1] != CONTEXT_SIZE:
+        raise ValueError(f"`context` must have shape (B, {CONTEXT_SIZE}). Got {shape}.")
 
 
 def embed_step(k: Tensor, size: int) -> Tensor:

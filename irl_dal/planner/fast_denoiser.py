@@ -18,6 +18,7 @@ from irl_dal.planner.denoiser import (
     NORM_EPSILON,
     ConditionalUnet1d,
     ResidualBlock,
+    check_context,
     embed_step,
 )
 
@@ -122,7 +123,11 @@ class FastDenoiser:
 
         Args:
             context: (B, 64), or (1, 64) for a batch that shares it.
+
+        Raises:
+            ValueError: A context of another size.
         """
+        check_context(context.shape)
         mixed = context @ self._network_of_context
         mixed += self._context_bias
         hidden = self._steps[:, None] + mixed  # (S, B, condition)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -28,6 +28,9 @@ from shield import ActuatorLimits, HorizonProjector, Status
 from shield.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
+
+PATIENCE = 10.0
+"""Longest time for a projection without a deadline [s]: a busy machine must not change a result."""
 
 
 class DiffusionPlanner:
@@ -61,7 +64,8 @@ class DiffusionPlanner:
         self.counts: Counter[str] = Counter()
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
         self._sampler = config.make_sampler()
-        self._projector = HorizonProjector(limits, config.horizon)
+        patience = PATIENCE if config.deadline is None else 0.5 * config.deadline
+        self._projector = HorizonProjector(limits, config.horizon, deadline=patience)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
@@ -124,11 +128,12 @@ class DiffusionPlanner:
         target = chunks if self.config.prediction == "x0" else noise
         return nn.functional.mse_loss(predicted, target)
 
-    def plan(self, context: PlanningContext) -> Plan:
+    def plan(self, context: PlanningContext, watchers: Sequence[Refinement] = ()) -> Plan:
         """Plan from a context.
 
         Args:
             context: What is known now.
+            watchers: See each estimate and iterate after guidance and projection.
 
         Returns:
             The plan; a fallback with a reason when there is no usable sample.
@@ -139,9 +144,9 @@ class DiffusionPlanner:
         self._check_reference(context)
         # Absurd but finite values overflow into a sample that is no number, and that is noticed.
         with np.errstate(all="ignore"):
-            return self._plan(context, time.perf_counter())
+            return self._plan(context, watchers, time.perf_counter())
 
-    def _plan(self, context: PlanningContext, begin: float) -> Plan:
+    def _plan(self, context: PlanningContext, watchers: Sequence[Refinement], begin: float) -> Plan:
         """`plan` of a context of the right shape, begun at `begin` [s]."""
         self.counts["plans"] += 1
         if not context.finite:
@@ -149,9 +154,9 @@ class DiffusionPlanner:
         energy = TotalEnergy(context, self.config.energy, self.limits, self.config.horizon)
         guidance = Guidance(energy, self.config.guidance)
         projection = self._projection(context)
-        stages: tuple[Refinement, ...] = (projection,)
+        stages: tuple[Refinement, ...] = (projection, *watchers)
         if self.config.guidance.scale > 0.0:
-            stages = (guidance, projection)
+            stages = (guidance, *stages)
         sample = self._sample(context, stages, begin)
         if sample is None:
             late = f"no plan within {self.config.deadline} s"

@@ -14,6 +14,7 @@ from irl_dal.runs import open_run
 TINY = (
     "preset=smoke",
     "env.route_length=80",
+    "env.route_spread=0",
     "env.time_limit=4",
     "learning.imitation_steps=96",
     "learning.mixed_steps=32",

@@ -35,7 +35,7 @@ def test_recorder_keeps_what_the_loop_says() -> None:
     policy, planner = SOURCES.index("policy"), SOURCES.index("planner")
     assert set(episode.nominal_violations[:, policy]) <= {0, 1}
     assert set(episode.nominal_violations[:, planner]) == {-1}
-    assert np.isfinite(episode.shield_time).all() and len(episode.plan_latency) == 0
+    assert np.isfinite(episode.shield_time).all() and len(episode.plans) == 0
 
 
 def test_arrays_are_read_only() -> None:

@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,10 @@ from irl_dal.evaluation.measurements import (
     PathPair,
     ReferenceReturns,
 )
-from irl_dal.evaluation.metrics import compute_metrics
+from irl_dal.evaluation.metrics import METRICS, STATISTICS, compute_metrics, metric_rows
 from shield import ActuatorLimits
 
-from .small import written_episode
+from .small import plan_log, written_episode
 
 LIMITS = ActuatorLimits()
 
@@ -152,8 +153,11 @@ def test_shield_and_planner_rates() -> None:
                     executed_command=executed,
                     projected=np.array([True, False, False, False]),
                     triggered=np.array([True, True, False, False]),
-                    plan_latency=np.array([0.010, 0.030]),
-                    plan_projected=np.array([True, False]),
+                    plans=replace(
+                        plan_log(2),
+                        latency=np.array([0.010, 0.030]),
+                        changed=np.array([True, False]),
+                    ),
                     shield_time=np.array([1e-3, 1e-3, 1e-3, 5e-3]),
                 )
             ]
@@ -196,3 +200,47 @@ def test_no_episodes_is_an_error() -> None:
     """A report about nothing is refused."""
     with pytest.raises(ValueError, match="at least one episode"):
         report(Measurements([]))
+
+
+def test_plans_are_judged_from_the_last_command_on() -> None:
+    """A jump from the executed command counts for a plan, and the correction is its removal."""
+    step = LIMITS.max_steering_rate * LIMITS.dt
+    plans = plan_log(2)
+    wild = plans.nominal.copy()
+    wild[0, :, 0] = 2.0 * step  # constant: only the first command breaks the rate bound
+    log = replace(plans, nominal=wild)
+    numbers = report(Measurements([written_episode(plans=log)], state_plans=[log, plans]))
+    assert numbers["plan_nominal_violation_rate"] == 0.5
+    assert numbers["plan_violation_rate"] == 0.0
+    assert numbers["plan_correction_norm"] == pytest.approx(step / LIMITS.max_steering)
+    assert numbers["state_plan_nominal_violation_rate"] == 0.25
+    assert numbers["plan_diversity_m"] is None
+
+
+def test_energies_leave_fallbacks_out() -> None:
+    """Means over the plans that have an energy, before guidance, before projection, after."""
+    energy = np.array([[3.0, 2.0, 1.0], [np.nan] * 3, [5.0, 4.0, 3.0]])
+    log = replace(plan_log(3), energy=energy, fallback=np.array([False, True, False]))
+    numbers = report(Measurements([written_episode(plans=log)]))
+    assert [numbers[f"plan_energy{part}"] for part in ("_unguided", "_nominal", "")] == [4, 3, 2]
+    assert numbers["plan_fallback_rate"] == pytest.approx(1 / 3)
+
+
+def test_diversity_is_the_mean_distance_between_the_ends_of_candidates() -> None:
+    """Three candidates straight on at 4, 5 and 7 m/s end 0.8, 1.6 and 2.4 m apart."""
+    candidates = np.zeros((1, 3, 8, 2))
+    candidates[0, :, :, 1] = np.array([[4.0], [5.0], [7.0]])
+    log = replace(plan_log(1), candidates=candidates)
+    numbers = report(Measurements([written_episode(plans=log)]))
+    assert numbers["plan_diversity_m"] == pytest.approx((0.8 + 1.6 + 2.4) / 3)
+
+
+def test_rows_of_two_evaluations_can_be_joined() -> None:
+    """The statistic of all rows is the number of all episodes."""
+    episodes = [written_episode(4), written_episode(8, success=False), written_episode(2)]
+    apart = [metric_rows(Measurements([one]), LIMITS) for one in episodes]
+    numbers = report(Measurements(episodes))
+    for name in METRICS:
+        rows = np.concatenate([part[name] for part in apart])
+        value = float(STATISTICS[name](rows[None])[0])
+        assert numbers[name] == (value if np.isfinite(value) else None)

@@ -5,6 +5,7 @@ from scipy import stats
 from irl_dal.evaluation.statistics import (
     Estimate,
     balanced_mean,
+    difference,
     estimate,
     maximum,
     ratio,
@@ -75,3 +76,16 @@ def test_wrong_shapes_are_refused() -> None:
         estimate(np.zeros(3), ratio, np.random.default_rng(0))
     with pytest.raises(ValueError, match="`strata`"):
         estimate(np.zeros((3, 2)), ratio, np.random.default_rng(0), strata=[1, 2])
+
+
+def test_a_paired_difference_is_resampled_in_pairs() -> None:
+    """Episodes that all differ by the same amount leave no uncertainty about the difference."""
+    rng = np.random.default_rng(0)
+    second = np.column_stack([rng.normal(0.0, 10.0, 30), np.ones(30)])
+    first = second + [2.0, 0.0]
+    paired = estimate(np.hstack([first, second]), difference(ratio), np.random.default_rng(1))
+    assert paired.value == pytest.approx(2.0)
+    assert (paired.low, paired.high) == (pytest.approx(2.0), pytest.approx(2.0))
+    shuffled = np.hstack([first, second[::-1]])
+    apart = estimate(shuffled, difference(ratio), np.random.default_rng(1))
+    assert apart.low is not None and apart.low < 0.0

@@ -46,6 +46,16 @@ def test_odd_horizon_is_refused() -> None:
         DenoiserConfig(width=5)
 
 
+@pytest.mark.parametrize("shape", [(1, 63), (64,), (1, 1, 64)])
+def test_a_context_of_another_size_is_refused(shape: tuple[int, ...]) -> None:
+    """Both networks name the size that they want and the one they got."""
+    unet = network(16)
+    with pytest.raises(ValueError, match=r"`context` must have shape \(B, 64\). Got \("):
+        unet(torch.zeros(1, 8, 2), torch.ones(1), torch.zeros(shape))
+    with pytest.raises(ValueError, match=r"`context` must have shape \(B, 64\). Got \("):
+        FastDenoiser(unet, np.array([1])).condition(np.zeros(shape, np.float32))
+
+
 def test_step_embedding_tells_the_steps_apart() -> None:
     """The embeddings of all k of T = 100 differ clearly."""
     codes = embed_step(torch.arange(101), 64)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from typing import Any
 
@@ -328,3 +329,26 @@ def test_table_ii_is_the_default() -> None:
     """H = 8, T = 100 and w_g = 0.1 are the defaults."""
     config = PlannerConfig()
     assert (config.horizon, config.diffusion_steps, config.guidance.scale) == (8, 100, 0.1)
+
+
+def test_without_a_deadline_a_busy_machine_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
+    """In simulated time a projection that is slow on the wall clock still gets its answer."""
+    plans = []
+    for pause in (0.0, 0.03):
+        made = planner(deadline=None, sampling_steps=2)
+        solver = made._projector._successive
+        assert solver is not None
+        original = type(solver).solve
+
+        def slow(
+            self: object, *arguments: object, pause: float = pause, solve: Any = original
+        ) -> Any:
+            time.sleep(pause)
+            return solve(self, *arguments)
+
+        with monkeypatch.context() as patch:
+            patch.setattr(type(solver), "solve", slow)
+            plans.append([made.plan(random_context(np.random.default_rng(i))) for i in range(6)])
+    for quick, late in zip(*plans, strict=True):
+        np.testing.assert_array_equal(quick.actions, late.actions)
+        assert quick.status == late.status

@@ -1,0 +1,84 @@
+"""The plain way to plan: a torch network in a loop over a scheduler of `diffusers`."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any, Literal
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor
+
+from irl_dal.planner import (
+    DiffusionPlanner,
+    Guidance,
+    NoiseSchedule,
+    PlanningContext,
+    PlanProjection,
+    TotalEnergy,
+)
+from shield import HorizonProjector
+
+__all__ = ["PlainLoop"]
+
+Array = NDArray[np.float64]
+
+
+class PlainLoop:
+    """The same network, guidance and projection as a planner's, step by step.
+
+    Args:
+        planner: Whose settings, weights and random source are used; it must predict x0.
+        kind: `ddpm` takes all T steps with their noise, `ddim` the sampler's own without.
+
+    Raises:
+        ImportError: `diffusers` is not installed.
+    """
+
+    def __init__(self, planner: DiffusionPlanner, kind: Literal["ddpm", "ddim"] = "ddpm") -> None:
+        config = planner.config
+        schedulers: Any = importlib.import_module("diffusers")
+        settings = {
+            "num_train_timesteps": config.diffusion_steps,
+            "trained_betas": NoiseSchedule.make(config.schedule, config.diffusion_steps).beta[1:],
+            "prediction_type": "sample",
+            "clip_sample": False,
+        }
+        if kind == "ddpm":
+            self._scheduler = schedulers.DDPMScheduler(variance_type="fixed_small", **settings)
+            self._scheduler.set_timesteps(config.diffusion_steps)
+        else:
+            self._scheduler = schedulers.DDIMScheduler(timestep_spacing="trailing", **settings)
+            self._scheduler.set_timesteps(config.sampling_steps)
+        self._planner = planner
+        self._projector = HorizonProjector(planner.limits, config.horizon)
+
+    def plan(self, context: PlanningContext) -> Array:
+        """The last clean estimates (N, H, 2), normalised."""
+        config, generator = self._planner.config, self._planner.generator
+        energy = TotalEnergy(context, config.energy, self._planner.limits, config.horizon)
+        guidance = Guidance(energy, config.guidance)
+        steps = len(self._scheduler.timesteps)
+        projection = PlanProjection(
+            config.projection, self._projector, context.previous, steps, config.defect_threshold
+        )
+        code = torch.from_numpy(context.encode())[None]
+        shape = (config.candidates, config.horizon, 2)
+        noisy = torch.randn(shape, generator=generator)
+        clean = np.zeros(shape)
+        for index, timestep in enumerate(self._scheduler.timesteps):
+            with torch.no_grad():
+                k = torch.full((config.candidates,), int(timestep) + 1)
+                output: Tensor = self._planner.denoiser(noisy, k, code)
+            clean = output.double().numpy()
+            if config.clip is not None:
+                clean = np.clip(clean, -config.clip, config.clip)
+            clean = projection.clean(guidance.clean(clean, index), index)
+            if index + 1 < steps:
+                refined = torch.from_numpy(clean).float()
+                step = self._scheduler.step(refined, timestep, noisy, generator=generator)
+                noisy = torch.from_numpy(
+                    projection.noisy(step.prev_sample.double().numpy(), index)
+                ).float()
+        return clean

@@ -1,0 +1,91 @@
+"""Compare pure with projected diffusion on one trained run.
+
+python -m irl_dal.compare run=DIR [episodes=N] [first_seed=N] [projections=[none,x0]] [out=DIR]
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields
+from pathlib import Path
+
+from omegaconf import DictConfig, OmegaConf
+from rich.console import Console
+
+from irl_dal.command import run_command
+from irl_dal.comparison.config import ComparisonConfig, parse_comparison
+from irl_dal.comparison.page import write_page
+from irl_dal.comparison.store import ComparisonStore
+from irl_dal.comparison.suite import compare
+from irl_dal.comparison.table import comparison_tables
+from irl_dal.comparison.work import Subject
+from irl_dal.config import ConfigError, parse
+from irl_dal.evaluation.report import write_json
+from irl_dal.overrides import changed, stated, unchanged
+from irl_dal.runs import open_run
+
+__all__ = ["main"]
+
+OWN_KEYS = frozenset({"run", "out", *(entry.name for entry in fields(ComparisonConfig))})
+"""Keys of this command beside the configuration's."""
+
+FIXED_KEYS = frozenset({"seed", "variant", "preset"})
+"""Keys that a trained run has settled."""
+
+COMPARED_KEYS = frozenset(
+    {
+        "shield",
+        "shield.enabled",
+        "planner.enabled",
+        "planner.activation",
+        "planner.projection",
+        "planner.candidates",
+    }
+)
+"""Keys that differ between the arms."""
+
+
+def main() -> None:
+    """Entry point of the command."""
+    run_command(_main, "compare")
+
+
+def _main(composed: DictConfig) -> None:
+    subject = _subject(composed)
+    console = Console()
+    report = compare(subject, console)
+    write_json(subject.store.report, report)
+    for table in comparison_tables(report):
+        console.print(table)
+    with console.status("drawing the page"):
+        write_page(subject, report)
+    for path in (subject.store.report, subject.store.page):
+        console.print(f"written to {path}", soft_wrap=True)
+
+
+def _subject(composed: DictConfig) -> Subject:
+    """What is compared, and how much of it."""
+    if composed.run is None:
+        raise ConfigError("run = None: name the folder of a trained run")
+    own = {entry.name for entry in fields(ComparisonConfig)} & set(composed)
+    values = OmegaConf.to_container(composed, resolve=True)
+    assert isinstance(values, dict)
+    comparison = parse_comparison({str(key): values[key] for key in own})
+    parse(composed)
+    folder = open_run("run", Path(str(composed.run)))
+    if not folder.config.supervision.enabled:
+        raise ConfigError(f"run = {str(composed.run)!r}: was trained without a planner")
+    settled = []
+    for key, value in stated(composed, OWN_KEYS):
+        if key in COMPARED_KEYS:
+            raise ConfigError(f"{key} = {value!r}: this is what the comparison varies")
+        if key in FIXED_KEYS:
+            unchanged(key, value, folder.config, f"settled by the training of {folder.path}")
+        else:
+            settled.append((key, value))
+    out = folder.path / "comparison" if composed.out is None else Path(str(composed.out))
+    config = changed(folder.config, settled)
+    return Subject(config, folder.path, comparison, ComparisonStore(out))
+
+
+if __name__ == "__main__":
+    main()

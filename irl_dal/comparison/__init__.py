@@ -1,0 +1,1 @@
+"""Pure against projected diffusion: one checkpoint, the same seeds, the same noise, one switch."""

@@ -1,0 +1,163 @@
+"""A comparison from beginning to end: drive what is missing, then put the numbers together."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from joblib import Parallel, delayed
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+import irl_dal
+from irl_dal.checkpoint import CheckpointStore
+from irl_dal.comparison.arms import Arm, arms_of, state_arms
+from irl_dal.comparison.numbers import summarise
+from irl_dal.comparison.work import Subject, Work, arm_bench, drive_arm, plan_in_states
+from irl_dal.config import to_mapping
+from irl_dal.runs import provenance
+
+__all__ = ["compare", "settings_of"]
+
+CHUNK = 4
+"""Largest number of episodes that a process drives before it reports."""
+
+_CODE = (
+    "comparison/arms.py",
+    "comparison/work.py",
+    "envs",
+    "evaluation/metrics.py",
+    "evaluation/rollout.py",
+    "loop.py",
+    "perception",
+    "planner",
+    "../expert",
+    "../shield",
+)
+"""Sources that an episode's numbers depend on, beside this package's folder."""
+
+
+def compare(subject: Subject, console: Console | None = None) -> dict[str, Any]:
+    """Drive every arm on every seed that is not known yet, and summarise all of it.
+
+    Args:
+        subject: What is compared.
+        console: Where the progress bar goes.
+
+    Returns:
+        The report, ready for JSON.
+
+    Raises:
+        CheckpointError: The run has no checkpoint that can be used.
+        ConfigError: The folder of results belongs to something else.
+    """
+    comparison, store = subject.comparison, subject.store
+    arms = arms_of(comparison, subject.config.planner.projection)
+    planning = state_arms(comparison, subject.config.planner.projection)
+    with arm_bench(subject, arms[0]):
+        pass  # what cannot be built says so here, once
+    store.open(settings_of(subject))
+    seeds = list(comparison.seeds)
+    missing = store.missing_states(seeds, [arm.name for arm in planning])
+    states = [delayed(plan_in_states)(subject, planning, part) for part in _parts(missing, subject)]
+    driven = _interleaved(subject, arms, seeds)
+    with _progress(console) as progress:
+        _run(states, "expert's states", len(missing), comparison.n_jobs, progress)
+        calls = [delayed(drive_arm)(subject, arm, part) for arm, part in driven]
+        total = sum(len(part) for _, part in driven)
+        _run(calls, "driving", total, comparison.n_jobs, progress)
+    return {
+        "variant": subject.config.variant,
+        "training_seed": subject.config.seed,
+        **provenance(subject.config),
+        "settings": asdict(comparison),
+        "sampler": subject.config.planner.sampler,
+        "default_projection": subject.config.planner.projection,
+        **summarise(store, arms, planning, seeds),
+    }
+
+
+def settings_of(subject: Subject) -> dict[str, Any]:
+    """All that one episode's numbers depend on."""
+    checkpoint = CheckpointStore(subject.run_dir).load()
+    comparison = subject.comparison
+    config = to_mapping(subject.config)
+    kept = ("env", "expert", "shield", "planner", "perception")
+    return {
+        "run": subject.run_dir.name,
+        "step": checkpoint.step,
+        "weights": _digest(sorted(checkpoint.folder.glob("*"))),
+        "first_seed": comparison.first_seed,
+        "states": comparison.states,
+        "candidates": comparison.candidates,
+        "path_states": comparison.path_states,
+        "path_duration": comparison.path_duration,
+        "code": _code(),
+        **{f"config.{key}": config[key] for key in kept},
+    }
+
+
+def _interleaved(
+    subject: Subject, arms: Sequence[Arm], seeds: Sequence[int]
+) -> list[tuple[Arm, list[int]]]:
+    """What is missing, the first seeds of all arms before the next ones."""
+    size = _size(len(seeds) * len(arms), subject)
+    driven = []
+    for start in range(0, len(seeds), size):
+        for arm in arms:
+            part = subject.store.missing_episodes(arm.name, seeds[start : start + size])
+            if part:
+                driven.append((arm, part))
+    return driven
+
+
+def _parts(seeds: Sequence[int], subject: Subject) -> list[Sequence[int]]:
+    size = _size(len(seeds), subject)
+    return [seeds[start : start + size] for start in range(0, len(seeds), size)]
+
+
+def _size(items: int, subject: Subject) -> int:
+    """Episodes of one call: many enough to make building worth while, few enough to share out."""
+    return max(1, min(CHUNK, items // (2 * subject.comparison.n_jobs)))
+
+
+def _run(
+    calls: Sequence[tuple[Work, Any, Any]], what: str, total: int, jobs: int, progress: Progress
+) -> None:
+    if not calls:
+        return
+    task = progress.add_task(what, total=total)
+    parallel = Parallel(n_jobs=min(jobs, len(calls)), return_as="generator_unordered")
+    for done in parallel(calls):
+        progress.advance(task, done)
+
+
+def _progress(console: Console | None) -> Progress:
+    return Progress(
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=console is None,
+    )
+
+
+def _code() -> str:
+    here = Path(irl_dal.__file__).parent
+    files: list[Path] = []
+    for name in _CODE:
+        path = (here / name).resolve()
+        files += [path] if path.is_file() else sorted(path.rglob("*.py"))
+    return _digest(files)
+
+
+def _digest(files: Sequence[Path]) -> str:
+    digest = hashlib.sha256()
+    for path in files:
+        digest.update(path.read_bytes())
+    return digest.hexdigest()[:12]

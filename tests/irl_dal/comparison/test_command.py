@@ -1,0 +1,102 @@
+import json
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from irl_dal import compare
+
+from .tiny import tiny_config, untrained_run
+
+Call = Callable[..., str]
+
+SMALL = (
+    "episodes=1",
+    "projections=[none,x0]",
+    "activations=[alone]",
+    "states=1",
+    "candidates=2",
+    "path_states=0",
+    "film_duration=0",
+    "n_jobs=1",
+)
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Runs the command as its console would; what it printed, or its one line of complaint."""
+
+    def run(*arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["compare", *arguments])
+        capsys.readouterr()
+        try:
+            compare.main()
+        except SystemExit as end:
+            printed = capsys.readouterr()
+            assert end.code == 2
+            lines = printed.err.splitlines()
+            assert len(lines) == 1 and lines[0].startswith("error: ")
+            return lines[0]
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) -> None:
+    """Tables, numbers and page; the same folder refuses another comparison."""
+    out = tmp_path / "results"
+    printed = call(f"run={run}", f"out={out}", *SMALL)
+    assert "planner alone, 1 episodes" in printed and str(out / "index.html") in printed
+    report = json.loads((out / "compare.json").read_text())
+    assert report["arms"]["alone-x0-shield"]["command_violation_rate"] == 0.0
+    assert report["settings"]["projections"] == ["none", "x0"]
+    assert "<video" not in (out / "index.html").read_text()
+    assert not (out / "film.webm").exists()
+    line = call(f"run={run}", f"out={out}", *SMALL, "first_seed=7")
+    assert str(out) in line and "first_seed = 20000, asked for is 7" in line
+    line = call(f"run={run}", f"out={out}", *SMALL, "planner.sampler=ddpm")
+    assert "config.planner" in line
+
+
+@pytest.mark.parametrize(
+    ("arguments", "named"),
+    [
+        ("", ["run = None"]),
+        ("run=nowhere", ["run = 'nowhere'", "no such folder"]),
+        ("run=RUN episodes=0", ["episodes", "Got 0"]),
+        ("run=RUN projections=[x0]", ["projections", "none"]),
+        ("run=RUN projections=[none,all]", ["projections", "'all'", "adaptive"]),
+        ("run=RUN projections=x0", ["projections = 'x0'"]),
+        ("run=RUN shield=off", ["shield = ", "varies"]),
+        ("run=RUN planner.projection=xt", ["planner.projection = 'xt'", "varies"]),
+        ("run=RUN variant=paper", ["variant = 'paper'", "settled"]),
+        ("run=RUN episode=3", ["episode = 3", "no such key"]),
+        ("run=RUN planner.horizon=7", ["planner.horizon", "Got 7"]),
+    ],
+)
+def test_a_mistake_gets_one_line(
+    run: Path, call: Call, tmp_path: Path, arguments: str, named: list[str]
+) -> None:
+    """Key and value on one line, exit code 2, nothing written."""
+    out = tmp_path / "results"
+    line = call(*arguments.replace("RUN", str(run)).split(), f"out={out}")
+    for part in named:
+        assert part in line
+    assert not out.exists() and not (run / "comparison").exists()
+
+
+def test_a_run_without_a_planner_is_refused(call: Call, tmp_path: Path) -> None:
+    """There is nothing to compare."""
+    config = tiny_config()
+    off = replace(config, supervision=replace(config.supervision, enabled=False))
+    run = untrained_run(tmp_path / "runs" / "bare", off)
+    assert "without a planner" in call(f"run={run}")
+
+
+def test_weights_of_another_network_are_refused(run: Path, call: Call, tmp_path: Path) -> None:
+    """The complaint comes before anything is written."""
+    out = tmp_path / "results"
+    line = call(f"run={run}", f"out={out}", *SMALL, "planner.denoiser.width=16")
+    assert "do not fit the configuration" in line and not out.exists()

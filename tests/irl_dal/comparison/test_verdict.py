@@ -1,0 +1,58 @@
+import io
+
+import pytest
+from rich.console import Console
+
+from irl_dal.comparison.table import comparison_tables
+from irl_dal.comparison.verdict import champion, findings
+
+from .conftest import Compared
+
+
+def report(**modes: tuple[float, float, float]) -> dict[str, object]:
+    """A report of arms with the shield: success, energy and time of each mode."""
+    arms = {
+        f"trigger-{mode}-shield": {
+            "activation": "trigger",
+            "projection": mode,
+            "shielded": True,
+            "guided": True,
+            "success": success,
+            "success_ci95": [success - 0.1, success + 0.1],
+            "latency_plan_p50_ms": time,
+        }
+        for mode, (success, _, time) in modes.items()
+    }
+    states = {mode: {"state_plan_energy": energy} for mode, (_, energy, _) in modes.items()}
+    return {"settings": {"activations": ["trigger"]}, "arms": arms, "states": states}
+
+
+def test_success_comes_first() -> None:
+    """A mode whose interval does not reach the best is out, whatever its energy."""
+    assert champion(report(x0=(0.9, 5.0, 9.0), final=(0.7, 1.0, 3.0), none=(1.0, 0.0, 1.0))) == "x0"
+
+
+def test_among_equals_energy_then_time() -> None:
+    """Modes that nobody can tell apart are judged by their plans, then by their cost."""
+    assert champion(report(x0=(0.9, 1.0, 9.0), xt=(0.95, 2.0, 9.0))) == "x0"
+    assert champion(report(x0=(0.9, 1.0, 9.0), adaptive=(0.9, 1.0, 5.0))) == "adaptive"
+
+
+def test_the_finding_states_both_rates(compared: Compared) -> None:
+    """Its numbers are the report's."""
+    sentence = findings(compared.report)[0]
+    rate = compared.report["arms"]["alone-none-bare"]["command_violation_rate"]
+    assert f"{100.0 * rate:.1f} % broke a bound" in sentence
+    assert "not one command" in sentence
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_the_tables_fit_a_terminal(compared: Compared, width: int) -> None:
+    """Nothing is cut off, every arm has a row."""
+    console = Console(width=width, record=True, file=io.StringIO())
+    for table in comparison_tables(compared.report):
+        console.print(table)
+    text = console.export_text()
+    assert "…" not in text
+    assert text.count("x0 + shield, unguided") == 4
+    assert "planner alone, 2 episodes" in text
