@@ -166,7 +166,7 @@ class FSMExpert:
         wanted = min(self._follow_bend(lane), stopping_speed(config.longitudinal, gap))
         if self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT):
             wanted = min(wanted, config.avoidance_speed)
-        steering = steer(config.lateral, lane, target, rate, speed, limits.wheelbase)
+        steering = steer(config.lateral, lane, target, rate, speed, float(previous[0]), limits)
         setpoint = np.clip([steering, wanted], limits.low, limits.high)
         return ExpertDecision(setpoint, self.approach(setpoint, previous, 1)[0], self._mode)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from shield import LaneEstimate
+from shield import ActuatorLimits, LaneEstimate
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +40,8 @@ def steer(
     target: float,
     target_rate: float,
     speed: float,
-    wheelbase: float,
+    previous: float,
+    limits: ActuatorLimits,
 ) -> float:
     """Steering angle that brings the car to an offset and keeps it there [rad].
 
@@ -51,7 +52,9 @@ def steer(
         delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
 
     so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
-    curvature is that of a parallel line, kappa / (1 - kappa · e).
+    curvature is that of a parallel line, kappa / (1 - kappa · e). psi is the heading error that
+    there will be once the steering, at its full rate, has come back from where it is to the lane's
+    curvature: a slow car turns far within that time.
 
     Args:
         config: Gains.
@@ -59,7 +62,8 @@ def steer(
         target: Wanted offset to the left of the home lane's centre [m].
         target_rate: Speed at which that offset moves to the left [m/s].
         speed: Forward speed [m/s].
-        wheelbase: [m]
+        previous: Steering angle now [rad].
+        limits: Wheelbase and steering rate.
     """
     v = max(speed, config.min_speed)
     error = lane.lateral_offset - target
@@ -68,5 +72,8 @@ def steer(
     curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
     curvature /= max(0.4, 1.0 - curvature * lane.lateral_offset)
     reach = max(speed, config.min_turn_speed) * config.heading_time
-    turn = curvature + (heading - lane.heading_error) / reach
-    return math.atan(wheelbase * turn)
+    excess = previous - math.atan(limits.wheelbase * curvature)
+    unwinding = abs(excess) / max(limits.max_steering_rate, 1e-3)
+    swing = 0.5 * speed * excess / limits.wheelbase * unwinding
+    turn = curvature + (heading - lane.heading_error - swing) / reach
+    return math.atan(limits.wheelbase * turn)

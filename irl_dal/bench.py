@@ -2,8 +2,8 @@
 
 python -m irl_dal.bench env     steps per second beside CarRacing-v3 and racetrack-v0
 python -m irl_dal.bench lane    lane measurement against the truth
-python -m irl_dal.bench expert  success of the expert
-python -m irl_dal.bench faults  success of the expert under each fault
+python -m irl_dal.bench expert  success of the expert [--track FILE.csv]
+python -m irl_dal.bench faults  success of the expert under each fault, of an agent too [--run DIR]
 python -m irl_dal.bench car     step responses of the vehicle
 python -m irl_dal.bench planner how long a plan takes, and where the time goes [--run DIR]
 """
@@ -21,14 +21,15 @@ from rich.console import Console
 from rich.table import Table
 
 from irl_dal.benchmarks.car import car_tables
-from irl_dal.benchmarks.drive import Drive, expert_drives
+from irl_dal.benchmarks.drive import Drive, drives
 from irl_dal.benchmarks.lane import lane_table
 from irl_dal.benchmarks.planner import planner_tables
 from irl_dal.benchmarks.speed import compare_speed, missing_peers, parts_table, speed_table
 from irl_dal.checkpoint import CheckpointError
-from irl_dal.config import ConfigError
+from irl_dal.config import ConfigError, RunConfig
 from irl_dal.envs import FAULTS, CityConfig
-from irl_dal.evaluation.bench import one_thread
+from irl_dal.evaluation.bench import AgentSpec, one_thread
+from irl_dal.runs import open_run
 
 __all__ = ["main"]
 
@@ -48,27 +49,49 @@ def main(arguments: Sequence[str] | None = None) -> int:
     asked = _parser().parse_args(arguments)
     console = Console()
     try:
-        config = CityConfig(difficulty=asked.difficulty)
-        if asked.track is not None:
-            config = replace(config, track=asked.track, route_length=asked.route_length)
-    except ValueError as error:
+        _bench(asked, console)
+    except (ConfigError, CheckpointError, ValueError) as error:
         print(f"error: {error}", file=sys.stderr)
         return 2
-    seeds = range(asked.first_seed, asked.first_seed + asked.episodes)
-    if asked.what == "env":
-        _speed(console, config, asked.rounds, asked.steps)
-    elif asked.what == "planner":
-        return _planner(console, asked.run, asked.rounds, asked.contexts)
-    elif asked.what == "car":
-        console.print(*car_tables())
-    elif asked.what == "faults":
-        console.print(_outcomes(_fault_drives(config, seeds), "expert under each fault"))
-    else:
-        drives = list(expert_drives(config, seeds))
-        if asked.what == "lane":
-            console.print(lane_table(drives))
-        console.print(_outcomes({config.track or config.difficulty: drives}, "expert"))
     return 0
+
+
+def _bench(asked: argparse.Namespace, console: Console) -> None:
+    """Measure what was asked for and print it."""
+    if asked.what == "planner":
+        with one_thread():
+            for part in planner_tables(asked.run, asked.rounds, asked.contexts):
+                console.print(part)
+        return
+    if asked.what == "car":
+        console.print(*car_tables())
+        return
+    city = CityConfig(difficulty=asked.difficulty)
+    if asked.track is not None:
+        city = replace(city, track=asked.track, route_length=asked.route_length)
+    if asked.what == "env":
+        _speed(console, city, asked.rounds, asked.steps)
+        return
+    subjects = {"expert": (RunConfig(), AgentSpec("expert"))}
+    if asked.run is not None:
+        folder = open_run("--run", asked.run)
+        subjects[folder.config.variant] = (folder.config, AgentSpec("run", folder.path))
+    if asked.episodes < 1:
+        raise ValueError(f"--episodes must be at least 1. Got {asked.episodes}.")
+    seeds = range(asked.first_seed, asked.first_seed + asked.episodes)
+    cities = {asked.track or asked.difficulty: city}
+    if asked.what == "faults":
+        cities = {name: replace(city, faults=fault) for name, fault in FAULTS.items()}
+    for who, (config, spec) in subjects.items():
+        found = {
+            name: drives(
+                replace(config, env=place), spec, seeds, jobs=asked.jobs, what=name, console=console
+            )
+            for name, place in cities.items()
+        }
+        if asked.what == "lane":
+            console.print(lane_table(next(iter(found.values()))))
+        console.print(_outcomes(found, who))
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -81,7 +104,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--difficulty", default="paper", help="easy, paper or hard")
     parser.add_argument("--track", default=None, help="TUM centre-line CSV file")
     parser.add_argument("--route-length", type=float, default=300.0, help="of a stretch of it [m]")
-    parser.add_argument("--run", type=Path, default=None, help="folder with a trained planner")
+    parser.add_argument("--run", type=Path, default=None, help="folder of a trained run")
+    parser.add_argument("--jobs", type=int, default=2, help="processes that drive")
     parser.add_argument("--rounds", type=int, default=7)
     parser.add_argument("--contexts", type=int, default=60, help="states to plan in")
     parser.add_argument("--steps", type=int, default=100, help="in one round")
@@ -95,36 +119,18 @@ def _speed(console: Console, config: CityConfig, rounds: int, steps: int) -> Non
     console.print(parts_table(rounds * steps, config))
 
 
-def _planner(console: Console, run: Path | None, rounds: int, contexts: int) -> int:
-    try:
-        with one_thread():
-            for part in planner_tables(run, rounds, contexts):
-                console.print(part)
-    except (ConfigError, CheckpointError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
-    return 0
-
-
-def _fault_drives(config: CityConfig, seeds: Sequence[int]) -> dict[str, list[Drive]]:
-    return {
-        name: list(expert_drives(replace(config, faults=fault), seeds))
-        for name, fault in FAULTS.items()
-    }
-
-
 def _outcomes(groups: dict[str, list[Drive]], title: str) -> Table:
-    """Success and its opposites, and how often the expert's own command broke a bound."""
+    """Success and its opposites, and how often the driver's own command broke a bound."""
     table = Table(title=title)
     ends = ("success", "collision", "off_road", "timeout")
     for name in ("", "episodes", *ends, "own violations"):
         table.add_column(name, justify="right" if name else "left")
-    for name, drives in groups.items():
-        count = Counter(drive.outcome for drive in drives)
-        steps = sum(drive.steps for drive in drives)
-        share = sum(drive.violations for drive in drives) / steps
-        shares = (f"{count[end] / len(drives):.1%}" for end in ends)
-        table.add_row(name, str(len(drives)), *shares, f"{share:.2%}")
+    for name, driven in groups.items():
+        count = Counter(drive.outcome for drive in driven)
+        steps = sum(drive.steps for drive in driven)
+        share = sum(drive.violations for drive in driven) / steps
+        shares = (f"{count[end] / len(driven):.1%}" for end in ends)
+        table.add_row(name, str(len(driven)), *shares, f"{share:.2%}")
     return table
 
 

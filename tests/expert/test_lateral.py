@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from expert.lateral import LateralConfig, steer
-from shield import LaneEstimate, LaneMeasurement, LaneTracker
+from shield import ActuatorLimits, LaneEstimate, LaneMeasurement, LaneTracker
 
-WHEELBASE = 2.7
+LIMITS = ActuatorLimits()
+WHEELBASE = LIMITS.wheelbase
 
 
 def at(offset: float, heading: float, curvature: float) -> LaneEstimate:
@@ -19,13 +20,14 @@ def at(offset: float, heading: float, curvature: float) -> LaneEstimate:
 @pytest.mark.parametrize("speed", [2.0, 5.0, 8.0, 11.0])
 @pytest.mark.parametrize("curvature", [-0.02, 0.0, 0.03])
 def test_converges_to_the_target(speed: float, curvature: float) -> None:
-    """From 1.5 m beside it the bicycle arrives within 0.1 m and stays, at any speed."""
-    offset, heading = 1.5, 0.0
+    """From 1.5 m beside it, with a servo of its rate, the bicycle arrives with little overshoot."""
+    offset, heading, steering, offsets = 1.5, 0.0, 0.0, []
+    step = LIMITS.max_steering_rate * LIMITS.dt
     for _ in range(150):
-        steering = steer(
-            LateralConfig(), at(offset, heading, curvature), 0.0, 0.0, speed, WHEELBASE
-        )
-        steering = max(-0.5, min(0.5, steering))
+        lane = at(offset, heading, curvature)
+        wanted = steer(LateralConfig(), lane, 0.0, 0.0, speed, steering, LIMITS)
+        steering = max(steering - step, min(steering + step, max(-0.5, min(0.5, wanted))))
+        offsets.append(offset)
         for _ in range(10):
             heading += (
                 0.01
@@ -36,6 +38,7 @@ def test_converges_to_the_target(speed: float, curvature: float) -> None:
                 )
             )
             offset += 0.01 * speed * math.sin(heading)
+    assert min(offsets) > -0.3
     assert abs(offset) < 0.1
     assert abs(heading) < 0.02
 
@@ -43,11 +46,19 @@ def test_converges_to_the_target(speed: float, curvature: float) -> None:
 def test_signs() -> None:
     """Left of the target steers right; heading left steers right; a left bend steers left."""
     config = LateralConfig()
-    assert steer(config, at(1.0, 0.0, 0.0), 0.0, 0.0, 8.0, WHEELBASE) < 0.0
-    assert steer(config, at(0.0, 0.2, 0.0), 0.0, 0.0, 8.0, WHEELBASE) < 0.0
-    assert steer(config, at(0.0, 0.0, 0.02), 0.0, 0.0, 8.0, WHEELBASE) > 0.0
-    assert steer(config, at(0.0, 0.0, 0.0), 3.5, 0.0, 8.0, WHEELBASE) > 0.0
-    assert steer(config, at(0.0, 0.0, 0.0), 0.0, 1.0, 8.0, WHEELBASE) > 0.0
+    assert steer(config, at(1.0, 0.0, 0.0), 0.0, 0.0, 8.0, 0.0, LIMITS) < 0.0
+    assert steer(config, at(0.0, 0.2, 0.0), 0.0, 0.0, 8.0, 0.0, LIMITS) < 0.0
+    assert steer(config, at(0.0, 0.0, 0.02), 0.0, 0.0, 8.0, 0.0, LIMITS) > 0.0
+    assert steer(config, at(0.0, 0.0, 0.0), 3.5, 0.0, 8.0, 0.0, LIMITS) > 0.0
+    assert steer(config, at(0.0, 0.0, 0.0), 0.0, 1.0, 8.0, 0.0, LIMITS) > 0.0
+
+
+def test_the_way_back_of_the_wheels_counts() -> None:
+    """With the wheels still turned in, the same state asks for less than with straight ones."""
+    lane = at(1.0, -0.1, 0.0)
+    straight = steer(LateralConfig(), lane, 0.0, 0.0, 4.0, 0.0, LIMITS)
+    turned = steer(LateralConfig(), lane, 0.0, 0.0, 4.0, -0.4, LIMITS)
+    assert turned > straight + 0.05
 
 
 def test_zero_gain_is_refused() -> None:
@@ -58,5 +69,5 @@ def test_zero_gain_is_refused() -> None:
 
 def test_approach_angle_is_bounded() -> None:
     """Far away the commanded heading saturates: the steering no longer grows."""
-    far = [steer(LateralConfig(), at(e, 0.0, 0.0), 0.0, 0.0, 2.0, WHEELBASE) for e in (5.0, 6.0)]
+    far = [steer(LateralConfig(), at(e, 0.0, 0.0), 0.0, 0.0, 2.0, 0.0, LIMITS) for e in (5.0, 6.0)]
     assert np.isclose(far[0], far[1])
