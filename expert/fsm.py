@@ -39,6 +39,7 @@ class ExpertConfig:
         clear: Free home lane that it needs to go back [m].
         beside: Points up to this far behind the bumper still count as beside the car [m].
         hold: Distance driven after the home lane has become free before going back [m].
+        max_bend: Curvature beyond which it does not go back: no sensor looks round a hairpin [1/m].
         shift_rate: Speed at which the wanted offset moves across the road [m/s].
         creep_rate: Least of that speed, so that a creeping car turns out sharply [m/s].
         shift_acceleration: At which that speed rises and falls [m/s^2].
@@ -61,6 +62,7 @@ class ExpertConfig:
     clear: float = 22.0
     beside: float = 1.0
     hold: float = 3.0
+    max_bend: float = 0.045
     shift_rate: float = 1.8
     creep_rate: float = 0.6
     shift_acceleration: float = 1.5
@@ -156,7 +158,7 @@ class FSMExpert:
         home = min(home, flank) if flank < config.flank_reach else home
         passing = lanes.gap(config.lane_width, config.corridor, -config.beside)
         self._neighbour.update(home, speed)
-        self._mode = self._next_mode(home, passing, lane.lateral_offset, speed)
+        self._mode = self._next_mode(home, passing, lane, speed)
         target, rate = self._shift(lane.lateral_offset, speed)
         bumper = lane.lateral_offset + LIDAR_FORWARD * math.sin(lane.heading_error)
         gap = min(
@@ -182,15 +184,17 @@ class FSMExpert:
         fall = np.array([limits.max_steering_rate, limits.max_deceleration])
         return np.clip(setpoint, previous - fall * steps, previous + rise * steps)
 
-    def _next_mode(self, home: float, passing: float, offset: float, speed: float) -> Mode:
-        config, mode = self._config, self._mode
+    def _next_mode(self, home: float, passing: float, lane: LaneEstimate, speed: float) -> Mode:
+        config, mode, offset = self._config, self._mode, lane.lateral_offset
         blocked = home < config.sight
         if mode in (Mode.LANE_FOLLOWING, Mode.RETURNING):
             if blocked and passing > min(home + 8.0, config.sight):
                 return Mode.OBSTACLE_AVOIDANCE
             arrived = abs(offset) < config.settled
             return Mode.LANE_FOLLOWING if arrived or mode is Mode.LANE_FOLLOWING else mode
-        if self._neighbour.passed(speed):
+        ends = lane.curvature, lane.curvature + lane.curvature_rate * config.longitudinal.preview
+        overseen = min(abs(bend) for bend in ends) < config.max_bend
+        if overseen and self._neighbour.passed(speed):
             return Mode.RETURNING
         arrived = abs(offset - config.lane_width) < config.settled
         return Mode.DRIVING_STRAIGHT if arrived else mode

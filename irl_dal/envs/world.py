@@ -110,11 +110,34 @@ class Illumination:
         return np.asarray(255.0 * np.asarray(colour) * shade)
 
 
+class _Lent:
+    """Rows of three numbers for pybullet, the same objects each time.
+
+    `createVisualShape` takes two references to a mesh's lists, and to each list in them, and never
+    gives them back: new lists would stay in memory for good (250 kB for each road).
+    """
+
+    def __init__(self) -> None:
+        self._pool: list[list[float]] = []
+        self._lent: list[list[float]] = []
+
+    def rows(self, values: Array) -> list[list[float]]:
+        """The rows of `values` (n, 3), until the next call."""
+        while len(self._pool) < len(values):
+            self._pool.append([0.0, 0.0, 0.0])
+        for row, numbers in zip(self._pool, values.tolist(), strict=False):
+            row[:] = numbers
+        self._lent[:] = self._pool[: len(values)]
+        return self._lent
+
+
 class World:
     """One Bullet world in DIRECT mode; several live side by side in a process."""
 
     def __init__(self) -> None:
         self._client: int = pybullet.connect(pybullet.DIRECT)
+        self._vertices, self._normals = _Lent(), _Lent()
+        self._indices: list[int] = []
 
     def clear(self) -> None:
         """Remove every body and start again with gravity and flat, invisible ground."""
@@ -174,28 +197,30 @@ class World:
                 pybullet.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=c
             )
         vertices, normals, triangles = _prism(radius, height)
-        visual = pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            vertices=vertices.tolist(),
-            indices=triangles.ravel().tolist(),
-            normals=normals.tolist(),
-            rgbaColor=[*colour, 1.0],
-            physicsClientId=c,
-        )
+        visual = self._shape(vertices, triangles, normals, colour)
         return int(pybullet.createMultiBody(0.0, shape, visual, physicsClientId=c))
 
     def mesh(self, vertices: Array, triangles: NDArray[np.int64], colour: Colour) -> int:
         """Add a flat, purely visual mesh: `vertices` (n, 3) [m], `triangles` (m, 3)."""
         c = self._client
-        visual = pybullet.createVisualShape(
-            pybullet.GEOM_MESH,
-            vertices=vertices.tolist(),
-            indices=triangles.ravel().tolist(),
-            normals=[[0.0, 0.0, 1.0]] * len(vertices),
-            rgbaColor=[*colour, 1.0],
-            physicsClientId=c,
-        )
+        upwards = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
+        visual = self._shape(vertices, triangles, upwards, colour)
         return int(pybullet.createMultiBody(0.0, -1, visual, physicsClientId=c))
+
+    def _shape(
+        self, vertices: Array, triangles: NDArray[np.int64], normals: Array, colour: Colour
+    ) -> int:
+        self._indices[:] = triangles.ravel().tolist()
+        return int(
+            pybullet.createVisualShape(
+                pybullet.GEOM_MESH,
+                vertices=self._vertices.rows(vertices),
+                indices=self._indices,
+                normals=self._normals.rows(normals),
+                rgbaColor=[*colour, 1.0],
+                physicsClientId=self._client,
+            )
+        )
 
     def car(self) -> int:
         """Load the ego vehicle's URDF; its base frame is the rear axle on the ground."""
