@@ -42,7 +42,7 @@ def test_two_workers_of_stable_baselines3() -> None:
         assert not np.array_equal(first["image"][0], first["image"][1])
         ended = 0
         for _ in range(60):
-            observation, reward, dones, _ = envs.step(np.tile([0.9, 0.0], (2, 1)))
+            observation, reward, dones, _ = envs.step(np.tile([-0.4, 0.0], (2, 1)))
             ended += int(dones.sum())
             assert np.isfinite(reward).all() and observation["lidar"].shape == (2, 180)
         assert ended >= 2
