@@ -9,6 +9,7 @@ import mpmath
 import numpy as np
 import qpsolvers
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from shield import ActuatorLimits
 
@@ -66,6 +67,8 @@ def best_objective(limits: ActuatorLimits, nominal: Array, previous: Array) -> f
     problem = quadratic_program(limits, nominal, previous)
     objectives = []
     for name in SOLVERS:
+        if name == "clarabel":
+            problem.P, problem.G = sparse.csc_matrix(problem.P), sparse.csc_matrix(problem.G)
         solution = qpsolvers.solve_problem(problem, solver=name)
         if solution.found and solution.primal_residual() < 1e-8:
             objectives.append(0.5 * float(np.sum((solution.x - nominal.ravel()) ** 2)))

@@ -85,7 +85,7 @@ def test_bad_rows_do_not_disturb_good_ones(batch: tuple[ActuatorLimits, Array, A
     """G4 row by row: each row is what it would be alone."""
     limits, nominals, previous = batch
     target = projector(limits, 8)
-    with np.errstate(all="ignore"):
+    with np.errstate(all="raise"):
         got = target.project_batch(nominals, previous)
         for one, nominal, last in zip(got, nominals, previous, strict=True):
             alone = target.project(nominal, last)

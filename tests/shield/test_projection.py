@@ -51,7 +51,8 @@ def test_every_projected_horizon_is_admissible_and_honest(problem: Problem) -> N
 def test_any_values_give_a_command_in_the_box_with_an_honest_status(problem: Problem) -> None:
     """G4: NaN, infinities, 1e300, denormals, previous commands outside the box."""
     limits, nominal, previous = problem
-    with np.errstate(all="ignore"):
+    # Not even where the caller turned rounding, overflow and NaN into exceptions.
+    with np.errstate(all="raise"):
         got = projector(limits, len(nominal)).project(nominal, previous)
     assert np.isfinite(got.actions).all()
     assert ((limits.low <= got.actions) & (got.actions <= limits.high)).all()
@@ -207,6 +208,11 @@ def test_what_is_not_numbers_raises(nominal: Any) -> None:
         ({"weights": (1.0, 0.0)}, "weights"),
         ({"weights": (1.0, np.nan)}, "weights"),
         ({"weights": (1.0,)}, "weights"),
+        ({"solver": None}, "solver"),
+        ({"deadline": "soon"}, "deadline"),
+        ({"deadline": 10**400}, "deadline"),
+        ({"tolerance": None}, "tolerance"),
+        ({"horizon": "8"}, "horizon"),
         ({"deadline": 0.0}, "deadline"),
         ({"deadline": np.nan}, "deadline"),
         ({"tolerance": -1.0}, "tolerance"),
