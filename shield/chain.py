@@ -282,7 +282,8 @@ def is_optimal(
             least = -math.inf
             if later > high + tolerance:
                 return False
-        elif later <= low + tolerance:
+        # No `elif`: in a box of width zero the multiplier may have either sign.
+        if later <= low + tolerance:
             most = math.inf
             if later < low - tolerance:
                 return False

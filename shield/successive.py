@@ -277,7 +277,7 @@ class SuccessiveProjection:
             previous: Last executed command, from which `start` is admissible.
             stop_at: `time.perf_counter` after which no further program is started.
         """
-        q = self._pull * targets
+        q, reason = self._pull * targets, ""
         self._set_previous(np.array(previous))
         point = start
         for _ in range(_MAX_PROGRAMS):
@@ -297,8 +297,8 @@ class SuccessiveProjection:
                 if refined is not None:
                     return LateralAnswer(refined, True, "")
             if reason or moved < _TOLERANCE:
-                return LateralAnswer(point, False, reason)
-        return LateralAnswer(point, False, "")
+                break
+        return LateralAnswer(point, False, reason or "the optimum could not be verified")
 
     def _set_previous(self, previous: Array) -> None:
         """Write the first rate rows."""

@@ -3,10 +3,10 @@
 from fractions import Fraction
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+
+gymnasium = pytest.importorskip("gymnasium")
 
 from shield import ActuatorLimits, InvalidLimits, InvalidProblem, Status
 from shield.box_filter import BoxFilter
@@ -15,6 +15,7 @@ from shield.vehicle_filter import VehicleFilter
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, VEHICLES
 
+AutoresetMode = gymnasium.vector.AutoresetMode
 RATE, DT = 7.3, 0.05
 
 

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import strategies as st
 
 from shield import ActuatorLimits, HorizonProjector, InvalidProblem, Status
+from shield.successive import LateralNewton
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import (
     CITY,
@@ -135,6 +136,19 @@ def test_an_inadmissible_previous_command_within_reach_is_no_excuse() -> None:
     got = projector(CITY, 1).project([[0.0, 13.0]], [0.53, 0.0])
     assert got.status is Status.PROJECTED
     assert got.max_violation == 0.0
+
+
+def test_what_could_not_be_verified_is_not_called_the_nearest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the lateral bound binds, only a horizon whose KKT conditions hold is `projected`."""
+    bend, previous = np.tile([0.3, 10.0], (8, 1)), np.array([0.1, 10.0])
+    assert HorizonProjector(CITY, 8).project(bend, previous).status is Status.PROJECTED
+    monkeypatch.setattr(LateralNewton, "refine", lambda *_: None)
+    got = HorizonProjector(CITY, 8).project(bend, previous)
+    assert got.status is Status.REPAIRED
+    assert got.reason == "the optimum could not be verified"
+    assert broken_bounds(CITY, got.actions, previous) == []
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])

@@ -123,14 +123,14 @@ def test_a_batch_with_a_slow_solver_shares_a_deadline() -> None:
     """Sixty-four horizons return within one deadline, though each alone would nearly need it."""
 
     def slow(q: Array) -> Answer:
-        time.sleep(0.06)
+        time.sleep(0.16)
         return q, ""
 
-    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.2)
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.5)
     # From an inadmissible command, so that every horizon is left to the solver.
     begin = time.perf_counter()
     got = target.project_batch(np.tile(WISH, (64, 1, 1)), [0.5, 14.0])
-    assert time.perf_counter() - begin < 0.2
+    assert time.perf_counter() - begin < 0.5
     assert set(got.status) == {Status.FALLBACK}
     assert "stopped at the deadline" in got.reason[-1]
     assert "stopped at the deadline" not in got.reason[0]
@@ -138,22 +138,22 @@ def test_a_batch_with_a_slow_solver_shares_a_deadline() -> None:
 
 def test_a_slow_solver_is_left_behind_at_the_deadline() -> None:
     """The call returns in time, also while the solver is still busy, and recovers afterwards."""
-    pause = [0.5]
+    pause = [1.0]
 
     def slow(q: Array) -> Answer:
         time.sleep(pause[0])
         return q, ""
 
-    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.1)
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.5)
     for _ in range(3):
         begin = time.perf_counter()
         got = target.project(WISH, PREVIOUS)
-        assert time.perf_counter() - begin < 0.1
+        assert time.perf_counter() - begin < 0.5
         assert broken_bounds(LINEAR, got.actions, PREVIOUS) == []
         assert got.status is Status.FALLBACK
         assert "deadline" in got.reason
     pause[0] = 0.0
-    time.sleep(0.7)
+    time.sleep(1.2)
     assert "deadline" not in target.project(WISH, PREVIOUS).reason
 
 
