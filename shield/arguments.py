@@ -1,14 +1,24 @@
 """Checks of what callers hand in: types and shapes raise, values never do."""
 
 import math
+import reprlib
+from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.errors import InvalidProblem
-from shield.limits import ActuatorLimits
+from shield.errors import InvalidProblem, ShieldError
 
-__all__ = ["as_array", "as_horizon", "check_projector_arguments"]
+__all__ = [
+    "as_action",
+    "as_array",
+    "as_float",
+    "as_floating",
+    "as_horizon",
+    "check_positive",
+    "check_projector_arguments",
+    "is_number",
+]
 
 Array = NDArray[np.float64]
 
@@ -29,6 +39,34 @@ def as_array(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None)
     return array
 
 
+def as_action(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a copy of `values` in their own precision, of `shape`.
+
+    Raises:
+        InvalidProblem: They are not real numbers, or not of `shape`.
+    """
+    numbers = as_array(name, values, shape)
+    own = getattr(values, "dtype", None)
+    # What is not an array of numbers already, such as a list of huge integers, is float64.
+    kept = isinstance(own, np.dtype) and own.kind in "fiub"
+    return np.array(values) if kept else numbers.copy()
+
+
+def as_floating(name: str, dtype: DTypeLike) -> np.dtype[Any]:
+    """Return a floating point type.
+
+    Raises:
+        InvalidProblem: It is another type, or none.
+    """
+    try:
+        kind = np.dtype(dtype)
+    except TypeError as error:
+        raise InvalidProblem(f"`{name}` must be a floating point type. Got {dtype!r}.") from error
+    if kind.kind != "f":
+        raise InvalidProblem(f"`{name}` must be a floating point type. Got {kind}.")
+    return kind
+
+
 def as_horizon(name: str, values: ArrayLike) -> Array:
     """Return `values` as float64 of shape (H, 2), H > 0.
 
@@ -41,21 +79,17 @@ def as_horizon(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def _convert(name: str, values: ArrayLike) -> Array:
-    try:
-        array = np.asarray(values)
-        if array.dtype.kind == "O":
-            array = np.vectorize(_as_float, otypes=[np.float64])(array)
-    except (TypeError, ValueError) as error:
-        raise InvalidProblem(f"`{name}` must hold real numbers. Got {values!r}.") from error
-    if array.dtype.kind not in "fiub":
-        raise InvalidProblem(f"`{name}` must hold real numbers. Got dtype {array.dtype}.")
-    with np.errstate(over="ignore"):
-        return array.astype(np.float64)
+def is_number(value: object) -> TypeGuard[float]:
+    """Tell whether `value` is one real number, of Python or of numpy; truth values are not."""
+    return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
 
-def _as_float(value: object) -> float:
-    """Return one number; integers beyond float64 become infinite."""
+def as_float(value: object) -> float:
+    """Return one number as float64; integers beyond it become infinite.
+
+    Raises:
+        TypeError: It is not a real number.
+    """
     if not isinstance(value, (int, float, np.number)):
         raise TypeError(value)
     try:
@@ -64,28 +98,53 @@ def _as_float(value: object) -> float:
         return math.inf if value > 0 else -math.inf
 
 
+def check_positive(error: type[ShieldError], **values: Any) -> None:
+    """Refuse arguments that are not positive, finite numbers.
+
+    Args:
+        error: What to raise.
+        **values: Arguments by name.
+    """
+    for name, value in values.items():
+        if not is_number(value) or not 0.0 < as_float(value) < math.inf:
+            raise error(f"`{name}` must be positive and finite. Got {reprlib.repr(value)}.")
+
+
 def check_projector_arguments(
-    limits: ActuatorLimits,
-    horizon: int,
-    weights: tuple[float, float],
-    tolerance: float,
-    deadline: float,
-) -> None:
+    horizon: Any, weights: Any, tolerance: Any, deadline: Any
+) -> tuple[int, tuple[float, float]]:
     """Refuse arguments of a projector that make no sense.
+
+    Returns:
+        The horizon and the weights as plain numbers.
 
     Raises:
         InvalidProblem: Naming the argument and its value.
     """
-    if not isinstance(limits, ActuatorLimits):
-        raise InvalidProblem(f"`limits` must be ActuatorLimits. Got {limits!r}.")
     if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 1:
-        raise InvalidProblem(f"`horizon` must be a positive integer. Got {horizon!r}.")
-    if np.shape(weights) != (2,) or not all(1e-9 <= weight <= 1e9 for weight in weights):
-        raise InvalidProblem(f"`weights` must be two numbers in [1e-9, 1e9]. Got {weights!r}.")
-    for name, value in (("tolerance", tolerance), ("deadline", deadline)):
-        if not _is_number(value) or not 0.0 < value < math.inf:
-            raise InvalidProblem(f"`{name}` must be positive and finite. Got {value!r}.")
+        raise InvalidProblem(f"`horizon` must be a positive integer. Got {reprlib.repr(horizon)}.")
+    pair = as_array("weights", weights)
+    if pair.shape != (2,) or not ((pair >= 1e-9) & (pair <= 1e9)).all():
+        raise InvalidProblem(
+            f"`weights` must be two numbers in [1e-9, 1e9]. Got {reprlib.repr(weights)}."
+        )
+    check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
+    return int(horizon), (float(pair[0]), float(pair[1]))
 
 
-def _is_number(value: object) -> bool:
-    return isinstance(value, (int, float, np.number)) and not isinstance(value, bool)
+def _convert(name: str, values: ArrayLike) -> Array:
+    try:
+        array = np.asarray(values)
+        if array.dtype.kind == "O":
+            array = np.vectorize(as_float, otypes=[np.float64])(array)
+    except (TypeError, ValueError, RuntimeError) as error:
+        raise InvalidProblem(f"`{name}` must hold real numbers. Got {_brief(values)}.") from error
+    if array.dtype.kind not in "fiub":
+        raise InvalidProblem(f"`{name}` must hold real numbers. Got dtype {array.dtype}.")
+    with np.errstate(all="ignore"):
+        return array.astype(np.float64)
+
+
+def _brief(values: object) -> str:
+    """Return a short form of `values` on one line."""
+    return " ".join(reprlib.repr(values).split())

@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
+from shield.arguments import as_action, as_array, as_floating, check_positive
 from shield.certificate import Certificate, Status
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.rounding import differences_exceed, sums_below
@@ -49,37 +50,36 @@ class BoxFilter:
         dtype: DTypeLike = np.float32,
         rest: ArrayLike | None = None,
     ) -> None:
-        self._dtype = np.dtype(dtype)
-        if self._dtype.kind != "f":
-            raise InvalidProblem(f"`dtype` must be a floating point type. Got {self._dtype}.")
-        self._low = np.asarray(low, dtype=np.float64)
-        self._high = np.asarray(high, dtype=np.float64)
+        self._dtype = as_floating("dtype", dtype)
+        self._low, self._high = as_array("low", low), as_array("high", high)
         if self._low.shape != self._high.shape or not (self._low <= self._high).all():
             raise InvalidLimits(f"`low` must not exceed `high`. Got {low!r} and {high!r}.")
-        if not 0.0 < dt < np.inf:
-            raise InvalidLimits(f"`dt` must be positive and finite. Got {dt!r}.")
-        try:
-            rates = np.broadcast_to(np.asarray(rate, dtype=np.float64), self._low.shape)
-        except ValueError as error:
-            raise InvalidLimits(
-                f"`rate` must have shape {self._low.shape} or (). Got {np.shape(rate)}."
-            ) from error
-        self._step = rates * dt
-        if not (self._step > 0.0).all():
-            raise InvalidLimits(f"`rate` must be positive. Got {rate!r}.")
+        check_positive(InvalidLimits, dt=dt)
+        self._step = self._steps(rate, dt)
         # The box of the representable, finite actions.
         largest = float(np.finfo(self._dtype).max)
         self._low = np.maximum(self._round_up(self._low), -largest)
         self._high = np.minimum(self._round_down(self._high), largest)
         if not (self._low <= self._high).all():
             raise InvalidLimits(f"no {self._dtype} lies between {low!r} and {high!r}.")
-        start = np.zeros(self._low.shape) if rest is None else np.asarray(rest, dtype=np.float64)
+        start = np.zeros(self._low.shape) if rest is None else as_array("rest", rest)
         if start.shape != self._low.shape or not np.isfinite(start).all():
             raise InvalidProblem(
                 f"`rest` must be finite and have shape {self._low.shape}. Got {rest!r}."
             )
         self._rest = np.clip(start.astype(self._dtype).astype(np.float64), self._low, self._high)
         self.reset()
+
+    def _steps(self, rate: ArrayLike, dt: float) -> Array:
+        """Return the largest change of each number in one period."""
+        rates, shape = as_array("rate", rate), self._low.shape
+        if rates.shape not in {(), shape}:
+            raise InvalidLimits(f"`rate` must have shape {shape} or (). Got {rates.shape}.")
+        with np.errstate(over="ignore", under="ignore"):
+            steps = np.broadcast_to(rates, shape) * dt
+        if not (steps > 0.0).all():
+            raise InvalidLimits(f"`rate` times `dt` must be positive. Got {rate!r} times {dt!r}.")
+        return steps
 
     @property
     def previous(self) -> Array:
@@ -90,6 +90,7 @@ class BoxFilter:
         """Count the rest action as executed."""
         self._execute(self._rest.copy())
 
+    @np.errstate(all="ignore")
     def filter(self, action: ArrayLike) -> Certificate:
         """Return the nearest admissible action, and remember it as executed.
 
@@ -105,13 +106,8 @@ class BoxFilter:
             InvalidProblem: The shape does not fit.
         """
         begin = time.perf_counter()
-        wanted = np.array(action)
-        if wanted.shape != self._low.shape or wanted.dtype.kind not in "fiub":
-            raise InvalidProblem(
-                f"`action` must be real, of shape {self._low.shape}. Got {action!r}."
-            )
-        with np.errstate(over="ignore"):
-            cast = wanted.astype(self._dtype)
+        wanted = as_action("action", action, self._low.shape)
+        cast = wanted.astype(self._dtype)
         value = cast.astype(np.float64)
         status, reason = Status.NOMINAL, ""
         if not self._admits(value):
@@ -139,10 +135,9 @@ class BoxFilter:
 
     def _admits(self, value: Array) -> bool:
         """Tell whether an action keeps box and rates exactly."""
-        with np.errstate(invalid="ignore"):
-            good = (self._low <= value) & (value <= self._high)
-            good &= ~differences_exceed(value, self._previous, self._step)
-            good &= ~differences_exceed(self._previous, value, self._step)
+        good = (self._low <= value) & (value <= self._high)
+        good &= ~differences_exceed(value, self._previous, self._step)
+        good &= ~differences_exceed(self._previous, value, self._step)
         return bool(good.all())
 
     def _into_window(self, value: Array) -> Array:

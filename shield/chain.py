@@ -219,7 +219,7 @@ def settle_chain(
     rising, falling = rise - tolerance, tolerance - fall
     touching_low, touching_high = low + tolerance, high - tolerance
     solution: list[float] = []
-    shifts: list[float] = []
+    size = 0
     offset = total = 0.0
     last = previous
     base: float | None = previous
@@ -231,10 +231,9 @@ def settle_chain(
         elif difference < falling:
             offset -= fall
         else:
-            if shifts:
-                start = total / len(shifts) if base is None else base
-                solution += [start + shift for shift in shifts]
-                shifts = []
+            if size:
+                _lift(solution, size, total / size if base is None else base)
+                size = 0
                 offset = total = 0.0
             base = None
         if base is None:
@@ -244,9 +243,18 @@ def settle_chain(
                 base = low - offset
             else:
                 total += target - offset
-        shifts.append(offset)
-    start = total / len(shifts) if base is None else base
-    return solution + [start + shift for shift in shifts]
+        solution.append(offset)
+        size += 1
+    _lift(solution, size, total / size if base is None else base)
+    return solution
+
+
+def _lift(solution: list[float], size: int, base: float) -> None:
+    """Add `base` to the last `size` entries, in place."""
+    if size == 1:
+        solution[-1] += base
+    else:
+        solution[-size:] = [base + offset for offset in solution[-size:]]
 
 
 def is_optimal(
@@ -274,7 +282,8 @@ def is_optimal(
             least = -math.inf
             if later > high + tolerance:
                 return False
-        elif later <= low + tolerance:
+        # No `elif`: in a box of width zero the multiplier may have either sign.
+        if later <= low + tolerance:
             most = math.inf
             if later < low - tolerance:
                 return False

@@ -14,12 +14,13 @@ y, S     innovation and its covariance
 """
 
 import math
-from dataclasses import dataclass
+from dataclasses import astuple, dataclass
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike, NDArray
 
+from shield.arguments import as_array, check_positive, is_number
 from shield.errors import InvalidProblem
 from shield.scan import ScanFilter
 
@@ -35,6 +36,8 @@ Array = NDArray[np.float64]
 
 # 99.9 % quantiles of chi² with 1 and 2 degrees of freedom.
 _GATE_1, _GATE_2 = 10.83, 13.82
+# Speeds [m/s] and yaw rates [rad/s] beyond this are defects of the sensor, not motion.
+_FASTEST = 1e3
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,7 +134,8 @@ class ClearanceTracker:
         max_age: float = 0.3,
         confirmations: int = 3,
     ) -> None:
-        _check_positive(
+        check_positive(
+            InvalidProblem,
             dt=dt,
             max_range=max_range,
             range_std=range_std,
@@ -159,6 +163,7 @@ class ClearanceTracker:
         self._jumps = 0
         self._restart(self._max_range)
 
+    @np.errstate(all="ignore")
     def update(self, scan: ArrayLike | None, speed: float | None = None) -> ClearanceEstimate:
         """Advance by one period.
 
@@ -260,7 +265,8 @@ class LaneTracker:
         curvature_std: float = 0.005,
         curvature_rate_std: float = 0.0005,
     ) -> None:
-        _check_positive(
+        check_positive(
+            InvalidProblem,
             dt=dt,
             max_age=max_age,
             max_rejected=max_rejected,
@@ -280,6 +286,7 @@ class LaneTracker:
         self._filter.x = np.zeros(4)
         self._filter.P = np.diag([2.0**2, 0.3**2, 0.02**2, 0.002**2])
 
+    @np.errstate(all="ignore")
     def update(
         self, measurement: LaneMeasurement | None, speed: float, yaw_rate: float
     ) -> LaneEstimate:
@@ -287,12 +294,22 @@ class LaneTracker:
 
         Args:
             measurement: Sighting of the lane, None when there is none.
-            speed: Own speed during the period [m/s]; the last known one if not finite.
-            yaw_rate: Own yaw rate ω [rad/s]; if not finite, that of following the lane.
+            speed: Own speed during the period [m/s]; the last known one if not finite or beyond
+                any vehicle.
+            yaw_rate: Own yaw rate ω [rad/s]; if not finite or beyond any vehicle, that of following
+                the lane.
 
         Returns:
             The estimate after this period.
+
+        Raises:
+            InvalidProblem: An argument is not of its type.
         """
+        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
+            if not is_number(value):
+                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
+        if measurement is not None and not isinstance(measurement, LaneMeasurement):
+            raise InvalidProblem(f"`measurement` must be a LaneMeasurement. Got {measurement!r}.")
         self._predict(speed, yaw_rate)
         self._age += self._dt
         if self._fuse(measurement):
@@ -311,8 +328,8 @@ class LaneTracker:
     def _predict(self, speed: float, yaw_rate: float) -> None:
         """Move the state with the car."""
         dt = self._dt
-        self._speed = v = float(speed) if math.isfinite(speed) else self._speed
-        known = math.isfinite(yaw_rate)
+        self._speed = v = float(speed) if abs(speed) <= _FASTEST else self._speed
+        known = abs(yaw_rate) <= _FASTEST
         omega = float(yaw_rate) if known else v * float(self._filter.x[2])
         transition = np.eye(4)
         transition[0, 1] = v * dt
@@ -357,16 +374,8 @@ def _usable_rows(
     measurement: LaneMeasurement, curvature_noise: Array
 ) -> tuple[Array, NDArray[np.bool_], Array] | None:
     """Return values (4,), which are present (4,) and their deviations (4,); None when unusable."""
-    z = np.array(
-        [
-            measurement.lateral_offset,
-            measurement.heading_error,
-            measurement.curvature,
-            measurement.curvature_rate,
-        ],
-        dtype=np.float64,
-    )
-    noise = np.array([measurement.offset_std, measurement.heading_std, *curvature_noise])
+    values = as_array("measurement", astuple(measurement))
+    z, noise = values[:4], np.concatenate([values[4:], curvature_noise])
     present = np.isfinite(z)
     if not present[:2].all() or not (np.isfinite(noise) & (noise > 0.0)).all():
         return None
@@ -374,9 +383,3 @@ def _usable_rows(
     if np.abs(z[present]).max() > 1e6 or noise.max() > 1e6:
         return None
     return z, present, noise
-
-
-def _check_positive(**values: float) -> None:
-    for name, value in values.items():
-        if not 0.0 < value < math.inf:
-            raise InvalidProblem(f"`{name}` must be positive and finite. Got {value!r}.")

@@ -6,9 +6,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shield.arguments import as_array
 from shield.box_filter import BoxFilter
 from shield.certificate import Certificate
-from shield.errors import InvalidProblem, MissingDependency
+from shield.errors import InvalidLimits, InvalidProblem, MissingDependency
 from shield.limits import ActuatorLimits
 from shield.vehicle_filter import VehicleFilter
 
@@ -51,8 +52,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             Default: the one nearest to zero.
 
     Raises:
-        InvalidProblem: The action space is not a `Box` of floating point numbers.
-        InvalidLimits: No action satisfies the bounds.
+        InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
+            not one of two.
+        InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
 
     Example:
         >>> import gymnasium
@@ -119,8 +121,9 @@ class ShieldedVectorEnv(VectorWrapper):
         rest: Action or command that counts as executed at `reset`.
 
     Raises:
-        InvalidProblem: The action space is not a `Box` of floating point numbers.
-        InvalidLimits: No action satisfies the bounds.
+        InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
+            not one of two.
+        InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
     """
 
     def __init__(
@@ -198,7 +201,24 @@ def _filter_factory(
     if not isinstance(space, gymnasium.spaces.Box) or np.dtype(space.dtype).kind != "f":
         raise InvalidProblem(f"`env` must have a Box of floating point actions. Got {space}.")
     if limits is not None:
+        if space.shape != (2,):
+            raise InvalidProblem(
+                f"`env` must have actions of shape (2,), steering and speed. Got {space}."
+            )
         return lambda: VehicleFilter(limits, space.low, space.high, dtype=space.dtype, rest=rest)
-    bottom = space.low if low is None else np.maximum(np.asarray(low, dtype=float), space.low)
-    top = space.high if high is None else np.minimum(np.asarray(high, dtype=float), space.high)
+    bottom = space.low if low is None else np.maximum(_bounds("low", low, space), space.low)
+    top = space.high if high is None else np.minimum(_bounds("high", high, space), space.high)
+    free = np.isinf(bottom) & np.isinf(top) & np.isinf(_bounds("rate", rate, space))
+    if free.any():
+        raise InvalidLimits(
+            f"`env` must have bounded actions, or `rate`, `low` and `high` must. Got {space}."
+        )
     return lambda: BoxFilter(bottom, top, rate, dt, dtype=space.dtype, rest=rest)
+
+
+def _bounds(name: str, values: ArrayLike, space: Any) -> NDArray[np.float64]:
+    """Return bounds, or rates, in the shape of a space."""
+    bounds = as_array(name, values)
+    if bounds.shape not in {(), space.shape}:
+        raise InvalidLimits(f"`{name}` must have shape {space.shape} or (). Got {bounds.shape}.")
+    return np.broadcast_to(bounds, space.shape)

@@ -1,12 +1,14 @@
 """What the actuators of a car-like vehicle can follow: box, rates and lateral acceleration."""
 
 import math
+import reprlib
 from dataclasses import dataclass, fields
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shield.arguments import as_array, as_float, is_number
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.rounding import difference_exceeds, lateral_exceeds
 
@@ -146,8 +148,9 @@ class ActuatorLimits:
             InvalidProblem: The last axis is not of length 2.
         """
         values = _pairs("action", action)
-        weight = 0.5 * (values + 1.0)
-        command = self.low * (1.0 - weight) + self.high * weight
+        with np.errstate(all="ignore"):
+            weight = 0.5 * (values + 1.0)
+            command = self.low * (1.0 - weight) + self.high * weight
         inside = np.abs(values) <= 1.0
         return np.where(inside, np.clip(command, self.low, self.high), command)
 
@@ -167,7 +170,8 @@ class ActuatorLimits:
         low, high = self.low, self.high
         width = high - low
         span = np.where(width > 0.0, width, 1.0)
-        action = np.where(width > 0.0, ((values - low) - (high - values)) / span, 0.0)
+        with np.errstate(all="ignore"):
+            action = np.where(width > 0.0, ((values - low) - (high - values)) / span, 0.0)
         inside = (low <= values) & (values <= high)
         return np.where(inside, np.clip(action, -1.0, 1.0), action)
 
@@ -175,7 +179,8 @@ class ActuatorLimits:
         """Return the signed v² tan δ / L [m/s²] of commands of shape (..., 2), shape (...)."""
         values = _pairs("command", command)
         steering, speed = values[..., 0], values[..., 1]
-        return np.asarray(speed * speed * np.tan(steering) / self.wheelbase)
+        with np.errstate(all="ignore"):
+            return np.asarray(speed * speed * np.tan(steering) / self.wheelbase)
 
     def violated(self, command: ArrayLike, previous: ArrayLike) -> bool:
         """Tell whether a command breaks G1, G2 or G3, without any tolerance.
@@ -213,13 +218,12 @@ class ActuatorLimits:
 
 def _finite(name: str, value: Any) -> float:
     """Return `value` as a float64, or refuse it."""
-    if isinstance(value, (bool, np.bool_)) or not isinstance(
-        value, (int, float, np.integer, np.floating)
-    ):
-        raise InvalidLimits(f"`{name}` must be a real number. Got {value!r}.")
-    if not math.isfinite(value):
-        raise InvalidLimits(f"`{name}` must be finite. Got {value!r}.")
-    return float(value)
+    if not is_number(value):
+        raise InvalidLimits(f"`{name}` must be a real number. Got {reprlib.repr(value)}.")
+    number = as_float(value)
+    if not math.isfinite(number):
+        raise InvalidLimits(f"`{name}` must be finite. Got {reprlib.repr(value)}.")
+    return number
 
 
 def _frozen(values: list[float]) -> NDArray[np.float64]:
@@ -229,14 +233,12 @@ def _frozen(values: list[float]) -> NDArray[np.float64]:
 
 
 def _pairs(name: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
+    array = as_array(name, values)
     if array.ndim == 0 or array.shape[-1] != 2:
         raise InvalidProblem(f"`{name}` must have shape (..., 2). Got {array.shape}.")
     return array
 
 
 def _pair(name: str, values: ArrayLike) -> tuple[float, float]:
-    array = np.asarray(values, dtype=np.float64)
-    if array.shape != (2,):
-        raise InvalidProblem(f"`{name}` must have shape (2,). Got {array.shape}.")
+    array = as_array(name, values, (2,))
     return float(array[0]), float(array[1])

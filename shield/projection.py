@@ -31,6 +31,8 @@ _NEAR = 10.0
 # In units of a channel's step: tolerance of the solver, which only has to find the active bounds;
 # distance to a bound that counts as active; error of a certified optimum.
 _SEARCH, _ACTIVE, _CERTIFIED = 1e-3, 1e-2, 1e-9
+# Horizons of a batch that share one deadline.
+_PER_DEADLINE = 64
 _INADMISSIBLE = (
     "the previous command is inadmissible: the box holds, the rest is approached at full rate"
 )
@@ -52,7 +54,8 @@ class HorizonProjector:
             lateral bound couples the two. Default: plain distance in rad and m/s.
         tolerance: Distance, in units of a step, by which the repair may move an answer that still
             counts as projected. Default: 1e-6.
-        deadline: Longest time for one call [s]. Default: half of a 10 Hz period.
+        deadline: Longest time for one call of `project`, and for each 64 horizons, or part of them,
+            of `project_batch` [s]. Default: half of a 10 Hz period.
 
     Raises:
         InvalidProblem: `horizon`, `solver`, `weights`, `tolerance` or `deadline` makes no sense.
@@ -68,10 +71,12 @@ class HorizonProjector:
         tolerance: float = 1e-6,
         deadline: float = 0.05,
     ) -> None:
-        check_projector_arguments(limits, horizon, weights, tolerance, deadline)
+        if not isinstance(limits, ActuatorLimits):
+            raise InvalidProblem(f"`limits` must be ActuatorLimits. Got {limits!r}.")
         self.limits = limits
-        self.horizon = int(horizon)
-        self.weights = (float(weights[0]), float(weights[1]))
+        self.horizon, self.weights = check_projector_arguments(
+            horizon, weights, tolerance, deadline
+        )
         self.deadline = float(deadline)
         self.tolerance = float(tolerance)
         bounds = self._bounds = Bounds.of(limits)
@@ -94,12 +99,12 @@ class HorizonProjector:
         self._lower, self._upper = rows.lower / double, rows.upper / double
         ones = np.ones(2 * self.horizon)
         matrix = sparse.csc_matrix(rows.matrix)
-        self._solver = make_solver(solver, ones, matrix, _SEARCH, 0.5 * self.deadline)
+        self._solver = make_solver(solver, ones, matrix, _SEARCH, 0.4 * self.deadline)
         self._successive = (
             None
             if bounds.lateral is None
             else SuccessiveProjection(
-                limits, self.horizon, solver, self.weights, 0.25 * self.deadline
+                limits, self.horizon, solver, self.weights, 0.2 * self.deadline
             )
         )
 
@@ -118,7 +123,13 @@ class HorizonProjector:
         """
         begin = time.perf_counter()
         wanted = as_array("nominal", nominal, (self.horizon, 2))
-        steering, speed = as_array("previous", previous, (2,)).tolist()
+        last = as_array("previous", previous, (2,))
+        return self._project(wanted, last, begin, begin + 0.5 * self.deadline)
+
+    @np.errstate(all="ignore")
+    def _project(self, wanted: Array, last: Array, begin: float, stop_at: float) -> Projection:
+        """Return the nearest admissible horizon; no solver is started after `stop_at`."""
+        steering, speed = last.tolist()
         flat: list[float] = wanted.ravel().tolist()
         note = ""
         if not math.isfinite(steering + speed):
@@ -126,7 +137,7 @@ class HorizonProjector:
         if not note and is_admissible(self._bounds, flat, steering, speed):
             commands, status, reason, excess = flat, Status.NOMINAL, "", 0.0
         else:
-            commands, status, reason = self._answer(flat, steering, speed, begin)
+            commands, status, reason = self._answer(flat, steering, speed, stop_at)
             excess = worst_excess(self._bounds, commands, steering, speed)
             if note or excess > 0.0:
                 status = Status.FALLBACK
@@ -162,15 +173,22 @@ class HorizonProjector:
             raise InvalidProblem(
                 f"`previous` must have shape (2,) or ({len(wanted)}, 2). Got {last.shape}."
             )
-        lasts = np.broadcast_to(last, (len(wanted), 2))
+        return self._project_batch(wanted, np.broadcast_to(last, (len(wanted), 2)), begin)
+
+    @np.errstate(all="ignore")
+    def _project_batch(self, wanted: Array, lasts: Array, begin: float) -> BatchProjection:
+        """Project what fits in arrays at once, and what is left over one by one."""
         actions, nominal, solved = self._engine.solve(wanted, lasts)
         count = len(wanted)
         status = [Status.PROJECTED] * count
-        for row in np.flatnonzero(nominal):
+        for row in np.flatnonzero(nominal).tolist():
             status[row] = Status.NOMINAL
         reasons, excess = [""] * count, np.zeros(count)
-        for row in np.flatnonzero(~(nominal | solved)):
-            single = self.project(wanted[row], lasts[row])
+        allowed = 0.4 * self.deadline * -(-count // _PER_DEADLINE)
+        for row in np.flatnonzero(~(nominal | solved)).tolist():
+            now = time.perf_counter()
+            stop_at = min(begin + allowed, now + 0.5 * self.deadline)
+            single = self._project(wanted[row], lasts[row], now, stop_at)
             actions[row], status[row] = single.actions, single.status
             reasons[row], excess[row] = single.reason, single.max_violation
         correction = actions - wanted
@@ -202,7 +220,7 @@ class HorizonProjector:
         )
 
     def _answer(
-        self, flat: list[float], steering: float, speed: float, begin: float
+        self, flat: list[float], steering: float, speed: float, stop_at: float
     ) -> tuple[list[float], Status, str]:
         """Return the repaired horizon for a nominal that is not admissible."""
         # A sum that is not finite may be one of huge numbers: look again.
@@ -212,6 +230,9 @@ class HorizonProjector:
         if largest > _FAR * self._reach:
             far = _FAR * self._reach
             flat = [min(max(value, -far), far) for value in flat]
+        if time.perf_counter() > stop_at:
+            commands = repair(self._bounds, flat, steering, speed, self.weights).commands
+            return commands, Status.REPAIRED, "stopped at the deadline"
         exact = shown = np.array(flat)
         if largest > near:
             shown = np.clip(exact, -near, near)
@@ -223,7 +244,7 @@ class HorizonProjector:
         goal, replaced = self._settle(guess, flat, steering, speed)
         repaired = repair(self._bounds, goal, steering, speed, self.weights)
         if repaired.bent and repaired.complete and self._successive is not None:
-            return self._bend(repaired.commands, shown, steering, speed, begin, reason)
+            return self._bend(repaired.commands, shown, steering, speed, stop_at, reason)
         if guess is None:
             return repaired.commands, Status.FALLBACK, reason
         if replaced and not reason and shown is exact:
@@ -274,17 +295,12 @@ class HorizonProjector:
         targets: Array,
         steering: float,
         speed: float,
-        begin: float,
+        stop_at: float,
         reason: str,
     ) -> tuple[list[float], Status, str]:
         """Improve a repaired horizon where the lateral bound binds."""
         assert self._successive is not None
-        answer = self._successive.solve(
-            targets,
-            np.array(start),
-            (steering, speed),
-            begin + 0.5 * self.deadline,
-        )
+        answer = self._successive.solve(targets, np.array(start), (steering, speed), stop_at)
         reason = reason or answer.reason
         if answer.horizon is None:
             return start, Status.FALLBACK, reason

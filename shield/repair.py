@@ -113,6 +113,7 @@ def repair(
     """
     low, high, step = bounds.min_speed, bounds.max_speed, bounds.steering_step
     rise, fall, surely, side = bounds.rise, bounds.fall, bounds.surely, bounds.max_steering
+    lateral = bounds.lateral
     commands: list[float] = []
     complete, bent = True, False
     inside = -side <= steering <= side and low <= speed <= high
@@ -133,7 +134,7 @@ def repair(
         else:
             delta, v, complete = _from_outside(bounds, delta, v, steering, speed)
             inside = True
-        if v * v * abs(math.tan(delta)) > surely:
+        if lateral is not None and v * v * abs(math.tan(delta)) > surely:
             moved = _into_lateral(bounds, delta, v, steering, speed, weights)
             if moved is not None:
                 (delta, v), fits = moved

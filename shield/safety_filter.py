@@ -84,6 +84,7 @@ class SafetyFilter:
             raise InvalidProblem(f"`command` must be finite. Got {values.tolist()}.")
         self._execute(values)
 
+    @np.errstate(all="ignore")
     def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
         """Return the command to execute, and remember it as executed.
 

@@ -14,6 +14,7 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from shield.arguments import as_array, is_number
 from shield.errors import InvalidProblem
 
 __all__ = ["ScanFilter"]
@@ -70,13 +71,15 @@ class ScanFilter:
             The range [m], at most `max_range`; None when the scan is unusable.
 
         Raises:
-            InvalidProblem: `scan` is not one-dimensional or is empty.
+            InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
+                number.
         """
-        ranges = np.asarray(scan, dtype=np.float64)
+        ranges = as_array("scan", scan)
         if ranges.ndim != 1 or ranges.size == 0:
             raise InvalidProblem(f"`scan` must have shape (n,), n > 0. Got {ranges.shape}.")
-        with np.errstate(invalid="ignore"):
-            working = ranges > 0.0
+        if speed is not None and not is_number(speed):
+            raise InvalidProblem(f"`speed` must be a number or None. Got {speed!r}.")
+        working = ranges > 0.0
         stuck, dead = self._watch(ranges, speed)
         working &= ~self._isolated(stuck)
         if dead or working.mean() < self._least_working:

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from qpsolvers.exceptions import QPError
 from scipy import sparse
 
+from shield.arguments import as_array
 from shield.constraints import UNBOUNDED
 from shield.errors import InvalidProblem
 
@@ -91,10 +92,16 @@ def make_solver(
         OSQP, which watches the time itself, or another solver in a `DeadlineSolver`.
 
     Raises:
-        InvalidProblem: The name is not known or not installed.
+        InvalidProblem: The name is not known or not installed, or the factory fails.
     """
     if callable(solver):
-        return DeadlineSolver(solver(weights, pattern, tolerance, deadline), deadline)
+        try:
+            built = solver(weights, pattern, tolerance, deadline)
+        except FAILURES as error:
+            raise InvalidProblem(
+                f"`solver` must build a solver. Got {type(error).__name__}: {error}."
+            ) from error
+        return DeadlineSolver(built, deadline)
     if solver == "osqp":
         return OsqpSolver(weights, pattern, tolerance, deadline)
     if solver in qpsolvers.available_solvers:
@@ -269,6 +276,19 @@ class QpsolversSolver:
         return solution.x, "" if solution.found else f"{self._name} stopped early"
 
 
+def _checked(answer: Any, shape: tuple[int, ...]) -> Answer:
+    """Return what a solver answered if it is an answer, else why it is none."""
+    if not isinstance(answer, tuple) or len(answer) != 2 or not isinstance(answer[1], str):
+        return None, f"the solver answered {type(answer).__name__}, not (z, reason)"
+    z, reason = answer
+    if z is None:
+        return None, reason or "the solver gave no solution"
+    try:
+        return as_array("z", z, shape), reason
+    except InvalidProblem as error:
+        return None, f"the solver's answer is unusable: {error}"
+
+
 class DeadlineSolver:
     """Runs a solver in a thread of its own and stops waiting at the deadline.
 
@@ -286,17 +306,23 @@ class DeadlineSolver:
         self._deadline = deadline
         self._problems: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
-        self._late = False
-        threading.Thread(target=self._work, daemon=True).start()
+        self._late = self._working = False
 
     def _work(self) -> None:
         while True:
             problem = self._problems.get()
+            # What is not among the failures ends this thread, never the caller's loop.
+            answer: Answer = None, "the solver failed with an exception of its own"
+            working = False
             try:
-                answer = self._solver.solve(*problem)
+                answer = _checked(self._solver.solve(*problem), problem[0].shape)
+                working = True
             except FAILURES as error:
                 answer = None, f"the solver failed: {type(error).__name__}: {error}"
-            self._answers.put(answer)
+                working = True
+            finally:
+                self._working = working
+                self._answers.put(answer)
 
     def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
         """Hand the problem over and wait for the answer, at most until the deadline."""
@@ -304,6 +330,9 @@ class DeadlineSolver:
             if self._late:
                 self._answers.get_nowait()
                 self._late = False
+            if not self._working:
+                self._working = True
+                threading.Thread(target=self._work, daemon=True).start()
             # Copies: a late solver must not read what the next problem writes.
             entries = None if matrix is None else matrix.copy()
             self._problems.put((q.copy(), lower.copy(), upper.copy(), entries))

@@ -20,6 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.linalg.lapack import dgesv
 
 from shield.chain import ChainBounds, active_blocks, is_optimal
 from shield.constraints import UNBOUNDED, BoxLimit, LateralLimit, RateLimit, stack_rows
@@ -32,13 +33,13 @@ __all__ = ["LateralAnswer", "LateralNewton", "SuccessiveProjection"]
 
 Array = NDArray[np.float64]
 
-# One program per entry. A bound may be near without being active, or active and not near enough,
-# so each program looks with another factor on the distances below.
-_CLOSENESS = (1.0, 0.1, 10.0, 0.01, 1.0, 0.1, 10.0, 0.01)
-_MAX_NEWTON = 8
+# A bound may be near without being active, or active and not near enough, so the answer of each
+# program is looked at with several factors on the distances below.
+_CLOSENESS = (1.0, 10.0, 0.1)
+_MAX_PROGRAMS, _MAX_NEWTON = 8, 8
 # In units of a channel's step: tolerance of the solver, distance to a bound that counts as active,
 # error of a certified optimum. Lateral accelerations count as active from a share of their bound.
-_TOLERANCE, _ACTIVE, _CERTIFIED = 1e-5, 1e-3, 1e-7
+_TOLERANCE, _ACTIVE, _CERTIFIED = 3e-5, 1e-3, 1e-7
 _NEAR = 1e-3
 
 
@@ -54,6 +55,24 @@ class LateralAnswer(NamedTuple):
     horizon: Array | None
     optimal: bool
     reason: str
+
+
+class _System(NamedTuple):
+    """What stays the same during the Newton steps of one set of active bounds.
+
+    Attributes:
+        blocks: B, shape (2 H, n).
+        convex: BᵀWB, shape (n, n).
+        active: Steps whose lateral bound is active, (k,).
+        steering: Rows of B of their steering, (k, n).
+        speed: Rows of B of their speed, (k, n).
+    """
+
+    blocks: Array
+    convex: Array
+    active: NDArray[np.int64]
+    steering: Array
+    speed: Array
 
 
 class LateralNewton:
@@ -97,11 +116,17 @@ class LateralNewton:
         )
         if active.size > blocks.shape[1]:
             return None
-        counts = blocks.sum(axis=0)
-        point = offsets + blocks @ ((blocks.T @ (guess - offsets)) / counts)
+        system = _System(
+            blocks,
+            blocks.T @ (self._weights[:, None] * blocks),
+            active,
+            blocks[2 * active],
+            blocks[2 * active + 1],
+        )
+        point = offsets + blocks @ ((blocks.T @ (guess - offsets)) / blocks.sum(axis=0))
         multipliers = np.zeros(active.size)
         for _ in range(_MAX_NEWTON):
-            step = self._newton_step(point, targets, blocks, active, multipliers)
+            step = self._newton_step(point, targets, system, multipliers)
             if step is None:
                 return None
             point, multipliers = point + blocks @ step[0], step[1]
@@ -133,34 +158,34 @@ class LateralNewton:
         return matrix, offsets.ravel()
 
     def _newton_step(
-        self, point: Array, targets: Array, blocks: Array, active: NDArray[np.int64], last: Array
+        self, point: Array, targets: Array, system: "_System", last: Array
     ) -> tuple[Array, Array] | None:
         """Return the step of the free blocks and the new multipliers."""
-        rows = self._rows
+        rows, active = self._rows, system.active
         rows.commands[:] = point.reshape(self._horizon, 2)
         rows.evaluate()
-        sign = np.sign(rows.values[active])
-        steering, speed, count = 2 * active, 2 * active + 1, len(active)
-        curvature = np.diag(self._weights)
-        bend = rows.hessian[active] * (last * sign)[:, None, None]
-        curvature[steering, steering] += bend[:, 0, 0]
-        curvature[speed, speed] += bend[:, 1, 1]
-        curvature[steering, speed] = curvature[speed, steering] = bend[:, 0, 1]
+        values = rows.values[active]
+        sign = np.sign(values)
         gradient = rows.gradient[active] * sign[:, None]
-        size = blocks.shape[1]
-        matrix = np.zeros((size + count, size + count))
-        matrix[:size, :size] = blocks.T @ curvature @ blocks
-        reduced = gradient[:, :1] * blocks[steering] + gradient[:, 1:] * blocks[speed]
+        size = system.blocks.shape[1]
+        matrix = np.zeros((size + active.size, size + active.size))
+        matrix[:size, :size] = system.convex
+        if last.any():
+            bend = rows.hessian[active] * (last * sign)[:, None, None]
+            for one, first in enumerate((system.steering, system.speed)):
+                across = bend[:, one, :1] * system.steering + bend[:, one, 1:] * system.speed
+                matrix[:size, :size] += first.T @ across
+        reduced = gradient[:, :1] * system.steering + gradient[:, 1:] * system.speed
         matrix[size:, :size] = reduced
         matrix[:size, size:] = reduced.T
-        right = np.empty(size + count)
-        right[:size] = blocks.T @ (self._weights * (targets - point))
-        right[size:] = self._bound - rows.values[active] * sign
-        try:
-            solution = np.linalg.solve(matrix, right)
-        except np.linalg.LinAlgError:
-            return None
-        return solution[:size], solution[size:]
+        right = np.empty(size + active.size)
+        right[:size] = system.blocks.T @ (self._weights * (targets - point))
+        right[size:] = self._bound - np.abs(values)
+        if not right.size:
+            return right, right
+        solution, info = dgesv(matrix, right, overwrite_a=True, overwrite_b=True)[2:]
+        # Zero on a pivot: the active bounds depend on each other.
+        return None if info else (solution[:size], solution[size:])
 
     def _is_optimal(
         self,
@@ -252,10 +277,10 @@ class SuccessiveProjection:
             previous: Last executed command, from which `start` is admissible.
             stop_at: `time.perf_counter` after which no further program is started.
         """
-        q = self._pull * targets
+        q, reason = self._pull * targets, ""
         self._set_previous(np.array(previous))
         point = start
-        for closeness in _CLOSENESS:
+        for _ in range(_MAX_PROGRAMS):
             if time.perf_counter() > stop_at:
                 return LateralAnswer(point, False, "stopped at the deadline")
             self._linearise(point)
@@ -267,12 +292,13 @@ class SuccessiveProjection:
             if not moved < np.inf:
                 return LateralAnswer(None, False, "the solver's answer is not finite")
             point = answer
-            refined = self._newton.refine(point, targets, previous, closeness)
-            if refined is not None:
-                return LateralAnswer(refined, True, "")
+            for closeness in _CLOSENESS:
+                refined = self._newton.refine(point, targets, previous, closeness)
+                if refined is not None:
+                    return LateralAnswer(refined, True, "")
             if reason or moved < _TOLERANCE:
-                return LateralAnswer(point, False, reason)
-        return LateralAnswer(point, False, "")
+                break
+        return LateralAnswer(point, False, reason or "the optimum could not be verified")
 
     def _set_previous(self, previous: Array) -> None:
         """Write the first rate rows."""

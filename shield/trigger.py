@@ -3,6 +3,9 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
+from shield.arguments import as_array, as_float, check_positive, is_number
 from shield.errors import InvalidLimits
 from shield.estimation import ClearanceEstimate, LaneEstimate
 
@@ -27,6 +30,7 @@ class TriggerConfig:
 
     Raises:
         InvalidLimits: A value is not finite or has the wrong sign, or there is no lane centre.
+        InvalidProblem: `lane_centres` does not hold numbers.
     """
 
     clearance: float = 3.0
@@ -40,27 +44,27 @@ class TriggerConfig:
 
     def __post_init__(self) -> None:
         """Refuse impossible thresholds, naming the field and the value received."""
-        for name in ("clearance", "lane_deviation", "max_age"):
-            if not 0.0 < getattr(self, name) < math.inf:
-                raise InvalidLimits(
-                    f"`{name}` must be positive and finite. Got {getattr(self, name)!r}."
-                )
+        check_positive(
+            InvalidLimits,
+            clearance=self.clearance,
+            lane_deviation=self.lane_deviation,
+            max_age=self.max_age,
+        )
         for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
-            if not 0.0 <= getattr(self, name) < math.inf:
-                raise InvalidLimits(
-                    f"`{name}` must be at least 0 and finite. Got {getattr(self, name)!r}."
-                )
+            value = getattr(self, name)
+            if not is_number(value) or not 0.0 <= as_float(value) < math.inf:
+                raise InvalidLimits(f"`{name}` must be at least 0 and finite. Got {value!r}.")
         if self.lane_hysteresis >= self.lane_deviation:
             raise InvalidLimits(
                 "`lane_hysteresis` must be below `lane_deviation`. "
                 f"Got {self.lane_hysteresis!r} and {self.lane_deviation!r}."
             )
-        centres = tuple(float(centre) for centre in self.lane_centres)
-        if not centres or not all(math.isfinite(centre) for centre in centres):
+        centres = as_array("lane_centres", self.lane_centres)
+        if centres.ndim != 1 or not centres.size or not np.isfinite(centres).all():
             raise InvalidLimits(
                 f"`lane_centres` must be finite and not empty. Got {self.lane_centres!r}."
             )
-        object.__setattr__(self, "lane_centres", centres)
+        object.__setattr__(self, "lane_centres", tuple(centres.tolist()))
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,12 +96,13 @@ class RiskTrigger:
         dt: Control period [s].
 
     Raises:
-        InvalidLimits: `dt` is not positive and finite.
+        InvalidLimits: `dt` is not positive and finite, or `config` is something else.
     """
 
     def __init__(self, config: TriggerConfig, dt: float) -> None:
-        if not 0.0 < dt < math.inf:
-            raise InvalidLimits(f"`dt` must be positive and finite. Got {dt!r}.")
+        check_positive(InvalidLimits, dt=dt)
+        if not isinstance(config, TriggerConfig):
+            raise InvalidLimits(f"`config` must be a TriggerConfig. Got {config!r}.")
         self.config = config
         # Rounded first: 0.5 / 0.1 must count five periods whatever the last bit.
         self._hold_steps = math.ceil(round(config.hold_time / dt, 6))

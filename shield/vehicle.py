@@ -21,7 +21,8 @@ import casadi
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.arguments import as_array, as_horizon, check_positive
+from shield.errors import InvalidLimits
 
 __all__ = ["KinematicBicycle", "LateralRows"]
 
@@ -45,9 +46,7 @@ class KinematicBicycle:
 
     def __init__(self, wheelbase: float, dt: float) -> None:
         """Build the symbolic functions once."""
-        for name, value in (("wheelbase", wheelbase), ("dt", dt)):
-            if not 0.0 < value < np.inf:
-                raise InvalidLimits(f"`{name}` must be positive and finite. Got {value!r}.")
+        check_positive(InvalidLimits, wheelbase=wheelbase, dt=dt)
         self.wheelbase = float(wheelbase)
         self.dt = float(dt)
         state, command = casadi.SX.sym("state", 3), casadi.SX.sym("command", 2)
@@ -81,14 +80,10 @@ class KinematicBicycle:
             States after each command, shape (H, 3).
 
         Raises:
-            InvalidProblem: A shape does not fit.
+            InvalidProblem: A shape or a type does not fit.
         """
-        pose = np.asarray(state, dtype=np.float64)
-        actions = np.asarray(commands, dtype=np.float64)
-        if pose.shape != (3,):
-            raise InvalidProblem(f"`state` must have shape (3,). Got {pose.shape}.")
-        if actions.ndim != 2 or actions.shape[1] != 2 or actions.shape[0] == 0:
-            raise InvalidProblem(f"`commands` must have shape (H, 2), H > 0. Got {actions.shape}.")
+        pose = as_array("state", state, (3,))
+        actions = as_horizon("commands", commands)
         states = self.step.mapaccum(actions.shape[0])(pose, actions.T)
         return np.array(states.full().T)
 

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import as_array
+from shield.arguments import as_action, as_array, as_floating
 from shield.certificate import Certificate, Status
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits import ActuatorLimits
@@ -52,7 +52,7 @@ class VehicleFilter:
             the speed nearest to standstill.
 
     Raises:
-        InvalidProblem: The space is not one of two floating point numbers.
+        InvalidProblem: The space is not one of two floating point numbers, or `rest` is not finite.
         InvalidLimits: No command lies both in the space and in the limits.
     """
 
@@ -66,10 +66,8 @@ class VehicleFilter:
         normalised: bool | None = None,
         rest: ArrayLike | None = None,
     ) -> None:
-        self._dtype = np.dtype(dtype)
+        self._dtype = as_floating("dtype", dtype)
         bottom, top = as_array("low", low, (2,)), as_array("high", high, (2,))
-        if self._dtype.kind != "f":
-            raise InvalidProblem(f"`dtype` must be a floating point type. Got {self._dtype}.")
         unit = bool((bottom == -1.0).all() and (top == 1.0).all())
         self._normalised = unit if normalised is None else normalised
         if self._normalised and not unit:
@@ -80,6 +78,8 @@ class VehicleFilter:
         self._low, self._high = bottom, top
         start = np.clip(np.zeros(2), self.limits.low, self.limits.high)
         self._rest = start if rest is None else as_array("rest", rest, (2,)).copy()
+        if not np.isfinite(self._rest).all():
+            raise InvalidProblem(f"`rest` must be finite. Got {rest!r}.")
         self.reset()
 
     @property
@@ -92,6 +92,7 @@ class VehicleFilter:
         self._action = self._round(self._to_action(self._rest))
         self._filter.reset(self._to_command(self._action))
 
+    @np.errstate(all="ignore")
     def filter(self, action: ArrayLike) -> Certificate:
         """Return the action to execute, and remember it as executed.
 
@@ -105,8 +106,8 @@ class VehicleFilter:
         Raises:
             InvalidProblem: The shape does not fit.
         """
-        wanted = np.array(action)
-        given = self._round(as_array("action", wanted, (2,)))
+        wanted = as_action("action", action, (2,))
+        given = self._round(wanted)
         before = self._filter.previous
         certificate = self._filter.filter(self._to_command(given))
         if certificate.intervened:
@@ -199,7 +200,7 @@ class VehicleFilter:
                 return np.array([steering.action, speed.action], dtype=self._dtype)
         return None
 
-    def _round(self, action: Array) -> NDArray[Any]:
+    def _round(self, action: NDArray[Any]) -> NDArray[Any]:
         with np.errstate(over="ignore"):
             return action.astype(self._dtype)
 

@@ -80,15 +80,17 @@ def _into_box(
     A derivative may extend beyond the box as long as its root lies inside: only then is what is
     beyond ever looked at.
     """
-    columns = np.flatnonzero(root > high)
-    if columns.size:
-        x[:, columns], g[:, columns] = _cut(x[:, columns], g[:, columns], high[columns])
-        root[columns], negative[:, columns] = high[columns], True
-    columns = np.flatnonzero(root < low)
-    if columns.size:
-        some_x, some_g = _cut(-x[:, columns], -g[:, columns], -low[columns])
-        x[:, columns], g[:, columns] = -some_x, -some_g
-        root[columns], negative[:, columns] = low[columns], False
+    above = root > high
+    columns = np.flatnonzero(above | (root < low))
+    if not columns.size:
+        return
+    # Below the box it is the mirror image.
+    above = above[columns]
+    sign = np.where(above, 1.0, -1.0)
+    end = np.where(above, high[columns], low[columns])
+    some_x, some_g = _cut(sign * x[:, columns], sign * g[:, columns], sign * end)
+    x[:, columns], g[:, columns] = sign * some_x, sign * some_g
+    root[columns], negative[:, columns] = end, above
 
 
 def _cut(x: Array, g: Array, high: Array) -> tuple[Array, Array]:

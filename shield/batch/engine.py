@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 # Values per array that stay in the cache of one core while a step works on them.
-_CACHED = 12_000
+_CACHED = 20_000
 
 # Fewer bent horizons than this are solved faster one by one.
 _WORTHWHILE = 12

@@ -34,9 +34,9 @@ _CAUTIOUS, _BOLD = 0.1, 0.01
 # The start: least slack as a share of a step, complementarity as a share of a rough guess.
 _PUSH, _FIRST = 0.1, 0.1
 # Share of the way to the nearest bound that a step may go.
-_TO_BOUNDARY = 0.99
+_TO_BOUNDARY = 0.9995
 # Converged: average complementarity, and violation of the slack equations.
-_COMPLEMENTARITY, _VIOLATION = 1e-12, 1e-10
+_COMPLEMENTARITY, _VIOLATION = 1e-11, 1e-10
 
 
 @dataclass(slots=True)
@@ -165,24 +165,26 @@ class LateralBatch:
         residual -= self._ends
         residual += slack
         side_residual = value + side_slack
-        stiffness, side_stiffness = dual / slack, side_dual / side_slack
-        push = aim / slack + stiffness * residual
-        side_push = aim / side_slack + side_stiffness * side_residual
+        inverse, side_inverse = 1.0 / slack, 1.0 / side_slack
+        stiffness, side_stiffness = dual * inverse, side_dual * side_inverse
+        push = aim * inverse + stiffness * residual
+        side_push = aim * side_inverse + side_stiffness * side_residual
         force = self._weights * (iterate.target - iterate.point)
         force -= _transposed(push)
         force -= gradient * side_push[:, None]
         step = self._newton(stiffness, side_stiffness, side_dual, gradient, hessian, force)
-        slack_step = -residual - _linear(step, np.zeros_like(iterate.previous))
-        side_slack_step = -side_residual - (gradient * step).sum(axis=1)
-        dual_step = push - stiffness * (residual + slack_step) - dual
-        side_dual_step = side_push - side_stiffness * (side_residual + side_slack_step) - side_dual
-        primal = _longest(slack, slack_step, side_slack, side_slack_step)
-        dual_length = _longest(dual, dual_step, side_dual, side_dual_step)
+        moved, side_moved = _linear(step, 0.0), (gradient * step).sum(axis=1)
+        # Steps of slacks and multipliers with the other sign: what they lose.
+        slack_loss, side_slack_loss = residual + moved, side_residual + side_moved
+        dual_loss = dual - push - stiffness * moved
+        side_dual_loss = side_dual - side_push - side_stiffness * side_moved
+        primal = _longest(slack_loss * inverse, side_slack_loss * side_inverse)
+        dual_length = _longest(dual_loss / dual, side_dual_loss / side_dual)
         iterate.point += primal * step
-        slack += primal * slack_step
-        side_slack += primal * side_slack_step
-        dual += dual_length * dual_step
-        side_dual += dual_length * side_dual_step
+        slack -= primal * slack_loss
+        side_slack -= primal * side_slack_loss
+        dual -= dual_length * dual_loss
+        side_dual -= dual_length * side_dual_loss
         total = (slack * dual).sum(axis=(0, 1, 2)) + (side_slack * side_dual).sum(axis=0)
         iterate.complementarity = np.asarray(total / (9 * len(side_slack)))
         bold = np.minimum(primal, dual_length) > 0.9
@@ -231,7 +233,7 @@ class LateralBatch:
         return sweep(diagonal, np.where(convex, b12, p12), joints, force)
 
 
-def _linear(point: Array, previous: Array) -> Array:
+def _linear(point: Array, previous: Array | float) -> Array:
     """Return z, -z, d and -d with d the first differences of z, (4, H, 2, B)."""
     rows = np.empty((4, *point.shape))
     rows[0] = point
@@ -251,9 +253,12 @@ def _transposed(rows: Array) -> Array:
     return total
 
 
-def _longest(values: Array, step: Array, side_values: Array, side_step: Array) -> Array:
-    """Return the share of a step, at most 1, that keeps positive values positive, (B,)."""
-    shrink = np.maximum(
-        (-step / values).max(axis=(0, 1, 2)), (-side_step / side_values).max(axis=0)
-    )
+def _longest(loss: Array, side_loss: Array) -> Array:
+    """Return the share of a step, at most 1, that loses less than everything, (B,).
+
+    Args:
+        loss: What the step takes from positive values, as a share of each, (4, H, 2, B).
+        side_loss: The same of the lateral rows, (H, B).
+    """
+    shrink = np.maximum(loss.max(axis=(0, 1, 2)), side_loss.max(axis=0))
     return np.asarray(np.minimum(1.0, _TO_BOUNDARY / np.maximum(shrink, 1e-9)))

@@ -4,12 +4,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shield.repair import Bounds
-from shield.rounding import differences_exceed, lateral_exceeds, sums_below
+from shield.rounding import BAND, differences_exceed, lateral_exceeds
 
 __all__ = ["BatchBounds", "admissible", "into_rates"]
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
+
+# Half an ulp is the error of one sum; twice that covers its two operands.
+_ROUNDING = 2.0**-52
 
 
 class BatchBounds:
@@ -24,6 +27,8 @@ class BatchBounds:
         high: Upper corner of the box, (2, 1).
         rise: Largest rises in one step, (2, 1).
         fall: Largest falls in one step, (2, 1).
+        inner_rise: Rises that hold whatever the rounding of a sum, (2, 1).
+        inner_fall: The same of falls, (2, 1).
     """
 
     def __init__(self, bounds: Bounds) -> None:
@@ -33,6 +38,10 @@ class BatchBounds:
         self.high = np.array([[side], [bounds.max_speed]])
         self.rise = np.array([[step], [bounds.rise]])
         self.fall = np.array([[step], [bounds.fall]])
+        # What rounding can add to the sum of a command in the box and a step.
+        size = np.maximum(np.abs(self.low), np.abs(self.high)) + np.maximum(self.rise, self.fall)
+        self.inner_rise = self.rise - size * _ROUNDING
+        self.inner_fall = self.fall - size * _ROUNDING
 
 
 def into_rates(bounds: BatchBounds, targets: Array, previous: Array) -> Array:
@@ -44,14 +53,16 @@ def into_rates(bounds: BatchBounds, targets: Array, previous: Array) -> Array:
         previous: Last executed commands, shape (2, B), in the box.
 
     Returns:
-        Horizons that keep G1 and G2 exactly, shape (H, 2, B).
+        Horizons that keep G1 and G2, exactly unless a step is of the size of a rounding error of
+        the box; shape (H, 2, B).
     """
     commands = np.empty_like(targets)
     last = previous
     for step, target in enumerate(targets):
-        top = np.minimum(sums_below(last, bounds.rise), bounds.high)
-        bottom = np.maximum(-sums_below(-last, bounds.fall), bounds.low)
-        commands[step] = last = np.minimum(np.maximum(target, bottom), top)
+        top = np.minimum(last + bounds.inner_rise, bounds.high)
+        bottom = np.maximum(last - bounds.inner_fall, bounds.low)
+        np.maximum(target, bottom, out=commands[step])
+        last = np.minimum(commands[step], top, out=commands[step])
     return commands
 
 
@@ -83,7 +94,12 @@ def _check_lateral(bounds: Bounds, commands: Array, result: Mask) -> None:
     candidates = np.flatnonzero(result)
     steering, speed = commands[:, 0, candidates], commands[:, 1, candidates]
     value = speed * speed * np.abs(np.tan(steering))
-    for step, column in np.argwhere(value > bounds.surely):
+    worst = value.max(axis=0, initial=0.0)
+    result[candidates[worst > bounds.lateral * bounds.wheelbase * (1.0 + BAND)]] = False
+    # Only what lies within rounding errors of the bound needs a closer look.
+    close = np.flatnonzero((worst > bounds.surely) & result[candidates])
+    for step, place in np.argwhere(value[:, close] > bounds.surely).tolist():
+        column = close[place]
         index = candidates[column]
         if result[index] and lateral_exceeds(
             float(steering[step, column]),

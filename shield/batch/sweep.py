@@ -23,28 +23,26 @@ def sweep(diagonal: Array, across: Array, joints: Array, force: Array) -> Array:
         The solutions, shape (H, 2, B).
     """
     horizon = len(force)
+    # Products of the joints that the elimination needs, for all steps at once.
+    squares, mixed = joints * joints, joints[:, 0] * joints[:, 1]
+    diagonal, across, right = diagonal.copy(), across.copy(), force.copy()
+    swapped = diagonal[:, ::-1]
     inverses = []
-    right = force.copy()
-    a11, a12, a22 = diagonal[0, 0], across[0], diagonal[0, 1]
     for t in range(horizon):
-        scale = 1.0 / (a11 * a22 - a12 * a12)
-        i11, i12, i22 = a22 * scale, -a12 * scale, a11 * scale
-        inverses.append((i11, i12, i22))
+        d1, d2 = diagonal[t]
+        scale = 1.0 / (d1 * d2 - across[t] * across[t])
+        # The inverse of a block: its diagonal, and minus what is beside it.
+        own, other = swapped[t] * scale, across[t] * scale
+        inverses.append((own, other))
         if t + 1 < horizon:
-            o1, o2 = joints[t + 1]
-            y1, y2 = right[t]
-            a11 = diagonal[t + 1, 0] - o1 * o1 * i11
-            a12 = across[t + 1] - o1 * o2 * i12
-            a22 = diagonal[t + 1, 1] - o2 * o2 * i22
-            right[t + 1, 0] += o1 * (i11 * y1 + i12 * y2)
-            right[t + 1, 1] += o2 * (i12 * y1 + i22 * y2)
+            y, tie = right[t], joints[t + 1]
+            diagonal[t + 1] -= squares[t + 1] * own
+            across[t + 1] += mixed[t + 1] * other
+            right[t + 1] += tie * (own * y - other * y[::-1])
     solution = np.empty_like(force)
     for t in range(horizon - 1, -1, -1):
-        i11, i12, i22 = inverses[t]
-        y1, y2 = right[t]
+        (own, other), y = inverses[t], right[t]
         if t + 1 < horizon:
-            y1 = y1 + joints[t + 1, 0] * solution[t + 1, 0]
-            y2 = y2 + joints[t + 1, 1] * solution[t + 1, 1]
-        solution[t, 0] = i11 * y1 + i12 * y2
-        solution[t, 1] = i12 * y1 + i22 * y2
+            y += joints[t + 1] * solution[t + 1]
+        np.subtract(own * y, other * y[::-1], out=solution[t])
     return solution

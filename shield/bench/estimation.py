@@ -137,12 +137,12 @@ def tracking_against_raw(
             delays[name] += [_delay(alarm[onset:], risky[onset:]) for onset in onsets]
     result: dict[str, float] = {}
     for name, (false, clear_steps, missed, risky_steps) in counts.items():
-        result[f"{name}_false_alarm_rate"] = false / clear_steps
-        result[f"{name}_miss_rate"] = missed / risky_steps
+        result[f"{name}_false_alarm_rate"] = float(false / clear_steps)
+        result[f"{name}_miss_rate"] = float(missed / risky_steps)
         result[f"{name}_delay_mean_steps"] = float(np.mean(delays[name]))
         result[f"{name}_delay_max_steps"] = float(np.max(delays[name]))
     raw = counts["raw"][0]
-    result["false_alarms_tracked_over_raw"] = counts["tracked"][0] / raw if raw else np.nan
+    result["false_alarms_tracked_over_raw"] = float(counts["tracked"][0] / raw) if raw else np.nan
     return result
 
 

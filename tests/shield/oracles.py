@@ -7,8 +7,10 @@ from typing import Any
 import casadi
 import mpmath
 import numpy as np
+import pytest
 import qpsolvers
 from numpy.typing import ArrayLike, NDArray
+from scipy import sparse
 
 from shield import ActuatorLimits
 
@@ -63,9 +65,13 @@ def exceeds_lateral(limits: ActuatorLimits, steering: float, speed: float) -> bo
 
 def best_objective(limits: ActuatorLimits, nominal: Array, previous: Array) -> float:
     """Return the least objective of G1 and G2 that independent solvers find."""
+    if len(SOLVERS) < 3:
+        pytest.skip("needs three of quadprog, daqp, piqp, proxsuite and clarabel: the test extra")
     problem = quadratic_program(limits, nominal, previous)
     objectives = []
     for name in SOLVERS:
+        if name == "clarabel":
+            problem.P, problem.G = sparse.csc_matrix(problem.P), sparse.csc_matrix(problem.G)
         solution = qpsolvers.solve_problem(problem, solver=name)
         if solution.found and solution.primal_residual() < 1e-8:
             objectives.append(0.5 * float(np.sum((solution.x - nominal.ravel()) ** 2)))

@@ -32,7 +32,8 @@ VIEWS = (1, 2, 8)
 @lru_cache(maxsize=64)
 def projector(limits: ActuatorLimits, horizon: int) -> HorizonProjector:
     """Return a projector, built once: the OSQP workspace is what takes time."""
-    return HorizonProjector(limits, horizon)
+    # So long that a busy machine does not decide what is found.
+    return HorizonProjector(limits, horizon, deadline=2.0)
 
 
 @lru_cache(maxsize=64)

@@ -28,6 +28,7 @@ def chains(draw: st.DrawFn) -> tuple[list[float], ChainBounds, float]:
 
 def quadprog(targets: list[float], bounds: ChainBounds, previous: float) -> np.ndarray:
     """Solve one channel with quadprog."""
+    pytest.importorskip("quadprog")
     size = len(targets)
     difference = np.eye(size) - np.eye(size, k=-1)
     offset = np.zeros(size)
@@ -94,6 +95,13 @@ def test_the_check_refuses_points_that_are_not_optimal() -> None:
     assert not is_optimal([0.1], [0.1], bounds, 0.8, 1e-9)
     assert not is_optimal([0.7], [0.1], bounds, 0.2, 1e-9)
     assert not is_optimal([0.3], [0.9], bounds, 0.8, 1e-9)
+
+
+def test_in_a_box_of_width_zero_its_one_point_is_optimal() -> None:
+    """Whichever way the targets pull: the multiplier may have either sign."""
+    bounds = ChainBounds(4.0, 4.0, 1.0, 1.0)
+    assert is_optimal([4.0, 4.0], [9.0, -9.0], bounds, 4.0, tolerances.ROUNDING)
+    assert is_optimal([4.0, 4.0], [-9.0, 9.0], bounds, 4.0, tolerances.ROUNDING)
 
 
 def test_a_previous_value_out_of_reach_of_the_box_starts_at_its_end() -> None:

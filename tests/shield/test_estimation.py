@@ -184,6 +184,38 @@ def test_outliers_are_rejected_until_they_insist() -> None:
     assert estimates[-1].lateral_offset == pytest.approx(3.0, abs=0.2)
 
 
+@two_tiers(motion=st.lists(st.tuples(NASTY, NASTY), min_size=1, max_size=6))
+def test_any_motion_leaves_the_lane_tracker_finite(motion: list[tuple[float, float]]) -> None:
+    """NaN, infinities and speeds of no vehicle never reach the state, and it recovers."""
+    tracker = LaneTracker(DT)
+    for speed, yaw_rate in motion:
+        estimate = tracker.update(sighting(0.1), speed, yaw_rate)
+        assert math.isfinite(estimate.lateral_offset)
+        assert math.isfinite(estimate.offset_std)
+    for _ in range(10):
+        estimate = tracker.update(sighting(0.1), 5.0, 0.0)
+    assert estimate.lateral_offset == pytest.approx(0.1, abs=0.1)
+
+
+def test_what_is_not_a_number_raises() -> None:
+    """Naming the argument: types are mistakes of the caller, values are not."""
+    lane, clearance = LaneTracker(DT), ClearanceTracker(DT)
+    with pytest.raises(InvalidProblem, match="`speed`.*None"):
+        lane.update(None, None, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`yaw_rate`.*'fast'"):
+        lane.update(None, 0.0, "fast")  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`measurement`.*LaneMeasurement"):
+        lane.update(0.1, 0.0, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`measurement`.*numbers"):
+        lane.update(LaneMeasurement(None, 0.0, 0.0, 0.0), 0.0, 0.0)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`speed`.*'fast'"):
+        clearance.update(np.ones(9), "fast")  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`scan`.*numbers"):
+        clearance.update("far")
+    with pytest.raises(InvalidProblem, match="`dt`.*'often'"):
+        ClearanceTracker("often")  # type: ignore[arg-type]
+
+
 def test_unknown_motion_is_bridged() -> None:
     """NaN as speed or yaw rate: the last speed, and the lane's own bend."""
     tracker = LaneTracker(DT)

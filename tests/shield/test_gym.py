@@ -3,10 +3,10 @@
 from fractions import Fraction
 from typing import Any
 
-import gymnasium
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
+
+gymnasium = pytest.importorskip("gymnasium")
 
 from shield import ActuatorLimits, InvalidLimits, InvalidProblem, Status
 from shield.box_filter import BoxFilter
@@ -15,6 +15,7 @@ from shield.vehicle_filter import VehicleFilter
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, VEHICLES
 
+AutoresetMode = gymnasium.vector.AutoresetMode
 RATE, DT = 7.3, 0.05
 
 
@@ -123,15 +124,21 @@ def test_an_action_that_is_not_finite_moves_to_rest() -> None:
         assert env.unwrapped.actions[-1].tolist() == [expected]
 
 
-def test_unbounded_spaces_need_no_bounds() -> None:
-    """Infinite ends are no ends; the largest float32 is still a float32."""
-    env = ShieldedEnv(Recorder(gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)))
+def test_an_unbounded_space_needs_something_to_hold() -> None:
+    """A rate is enough, and so is one end; the largest float32 is still a float32."""
+    space = gymnasium.spaces.Box(-np.inf, np.inf, (1,), np.float32)
+    env = ShieldedEnv(Recorder(space), rate=0.5)
     env.reset()
-    with np.errstate(over="ignore"):
-        env.step(np.array([1e30]))
+    with np.errstate(all="raise"):
         certificate = env.step(np.array([1e300]))[-1]["certificate"]
     assert certificate.status is Status.PROJECTED
+    assert env.unwrapped.actions[-1].tolist() == [0.5]
+    env = ShieldedEnv(Recorder(space), low=-1.0)
+    env.reset()
+    env.step(np.array([1e300]))
     assert env.unwrapped.actions[-1].tolist() == [np.finfo(np.float32).max]
+    with pytest.raises(InvalidLimits, match=r"`env` must have bounded actions.*Got Box"):
+        ShieldedEnv(Recorder(space))
 
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
@@ -291,7 +298,11 @@ def test_the_wrapper_can_be_rebuilt_from_its_spec() -> None:
         (unit_box(), {"low": 0.5, "high": -0.5}, InvalidLimits, "low"),
         (unit_box(), {"rest": [0.0]}, InvalidProblem, "rest"),
         (unit_box(), {"rest": [0.0, np.nan]}, InvalidProblem, "rest"),
-        (gymnasium.spaces.Box(-1, 1, (3,)), {"limits": CITY}, InvalidProblem, "low"),
+        (gymnasium.spaces.Box(-1, 1, (3,)), {"limits": CITY}, InvalidProblem, r"`env`.*\(2,\)"),
+        (unit_box(), {"limits": CITY, "rest": [0.0, np.nan]}, InvalidProblem, "`rest`"),
+        (unit_box(), {"rate": "fast"}, InvalidProblem, "`rate`"),
+        (unit_box(), {"low": [0.0, 0.0, 0.0]}, InvalidLimits, "`low`"),
+        (unit_box(), {"dt": "fast"}, InvalidLimits, "`dt`"),
         (gymnasium.spaces.Box(20, 30, (2,)), {"limits": CITY}, InvalidLimits, "no command"),
     ],
 )

@@ -85,6 +85,19 @@ def test_wrong_shapes_raise() -> None:
         CITY.violated(np.zeros((1, 2)), np.zeros(2))
     with pytest.raises(InvalidProblem, match=r"`previous`.*\(3,\)"):
         CITY.violated(np.zeros(2), np.zeros(3))
+    with pytest.raises(InvalidProblem, match="`command`.*numbers"):
+        CITY.violated("fast", np.zeros(2))
+    with pytest.raises(InvalidProblem, match="`action`.*numbers"):
+        CITY.to_command([None, 1.0])
+
+
+def test_conversions_accept_any_value() -> None:
+    """Infinite and huge numbers neither raise nor warn, whatever numpy is told to do."""
+    with np.errstate(all="raise"):
+        for values in ([math.inf, -math.inf], [math.nan, 1e308], [1.7e308, -1.7e308]):
+            assert CITY.to_command(values).shape == (2,)
+            assert CITY.to_action(values).shape == (2,)
+            assert CITY.lateral_acceleration(values).shape == ()
 
 
 @two_tiers(data=st.data())

@@ -57,6 +57,8 @@ def test_the_public_names_are_sorted_and_there() -> None:
 @pytest.mark.parametrize("name", ["shielded_planner", "shielded_pendulum"])
 def test_the_examples_run(name: str) -> None:
     """Each in a process of its own, within a page of code."""
+    if name == "shielded_pendulum":
+        pytest.importorskip("gymnasium")
     path = ROOT / "examples" / f"{name}.py"
     assert 40 <= len(path.read_text(encoding="utf-8").splitlines()) <= 100
     assert run(str(path)).stdout
@@ -69,7 +71,11 @@ def test_the_bench_prints_and_writes_its_numbers(
     numbers = main(["all", "--quick", "--out", str(tmp_path)])
     printed = capsys.readouterr().out
     written = json.loads((tmp_path / "all.json").read_text(encoding="utf-8"))
-    for name in ("ratio_to_bare_osqp", "ratio_to_casadi_conic", "false_alarms_tracked_over_raw"):
+    for name in (
+        "ratio_to_bare_osqp_1e-08",
+        "ratio_to_casadi_conic_osqp",
+        "false_alarms_tracked_over_raw",
+    ):
         assert name in printed
         assert written[name] == numbers[name]
     assert written["python"]

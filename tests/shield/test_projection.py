@@ -8,6 +8,7 @@ import pytest
 from hypothesis import strategies as st
 
 from shield import ActuatorLimits, HorizonProjector, InvalidProblem, Status
+from shield.successive import LateralNewton
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import (
     CITY,
@@ -51,7 +52,8 @@ def test_every_projected_horizon_is_admissible_and_honest(problem: Problem) -> N
 def test_any_values_give_a_command_in_the_box_with_an_honest_status(problem: Problem) -> None:
     """G4: NaN, infinities, 1e300, denormals, previous commands outside the box."""
     limits, nominal, previous = problem
-    with np.errstate(all="ignore"):
+    # Not even where the caller turned rounding, overflow and NaN into exceptions.
+    with np.errstate(all="raise"):
         got = projector(limits, len(nominal)).project(nominal, previous)
     assert np.isfinite(got.actions).all()
     assert ((limits.low <= got.actions) & (got.actions <= limits.high)).all()
@@ -136,6 +138,19 @@ def test_an_inadmissible_previous_command_within_reach_is_no_excuse() -> None:
     assert got.max_violation == 0.0
 
 
+def test_what_could_not_be_verified_is_not_called_the_nearest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Where the lateral bound binds, only a horizon whose KKT conditions hold is `projected`."""
+    bend, previous = np.tile([0.3, 10.0], (8, 1)), np.array([0.1, 10.0])
+    assert HorizonProjector(CITY, 8).project(bend, previous).status is Status.PROJECTED
+    monkeypatch.setattr(LateralNewton, "refine", lambda *_: None)
+    got = HorizonProjector(CITY, 8).project(bend, previous)
+    assert got.status is Status.REPAIRED
+    assert got.reason == "the optimum could not be verified"
+    assert broken_bounds(CITY, got.actions, previous) == []
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_a_horizon_with_one_bad_value_is_distrusted_as_a_whole(bad: float) -> None:
     """The answer is braking at full rate with the steering held."""
@@ -207,6 +222,11 @@ def test_what_is_not_numbers_raises(nominal: Any) -> None:
         ({"weights": (1.0, 0.0)}, "weights"),
         ({"weights": (1.0, np.nan)}, "weights"),
         ({"weights": (1.0,)}, "weights"),
+        ({"solver": None}, "solver"),
+        ({"deadline": "soon"}, "deadline"),
+        ({"deadline": 10**400}, "deadline"),
+        ({"tolerance": None}, "tolerance"),
+        ({"horizon": "8"}, "horizon"),
         ({"deadline": 0.0}, "deadline"),
         ({"deadline": np.nan}, "deadline"),
         ({"tolerance": -1.0}, "tolerance"),

@@ -1,5 +1,6 @@
 """G4 when the solver fails: every kind of failure ends in an admissible horizon."""
 
+import threading
 import time
 from collections.abc import Callable
 from types import SimpleNamespace
@@ -10,7 +11,7 @@ import osqp
 import pytest
 from scipy import sparse
 
-from shield import HorizonProjector, Projection, SafetyFilter, Status
+from shield import HorizonProjector, InvalidProblem, Projection, SafetyFilter, Status
 from shield.solvers import FAILURES, Answer, DeadlineSolver, OsqpSolver
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
@@ -77,24 +78,82 @@ def test_a_lying_solver_is_not_believed(answer: Callable[[Array], Answer]) -> No
         assert got.reason
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [None, "text", 3, ("a", "b"), (np.zeros(3), ""), (np.zeros(16), None), (1j * np.ones(16), "")],
+    ids=str,
+)
+def test_an_answer_of_the_wrong_type_is_none(answer: Any) -> None:
+    """A solver that breaks its contract costs the optimum, not the loop."""
+    target = HorizonProjector(CITY, 8, solver=Scripted(lambda _: answer))
+    got = target.project(WISH, PREVIOUS)
+    assert_safe(got)
+    assert "answer" in got.reason
+
+
+def test_an_exception_nobody_knows_ends_a_thread_and_not_the_loop(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Call after call, and a solver that comes to its senses is used again."""
+
+    class Surprise(Exception):  # noqa: N818 -- a name for the reason
+        pass
+
+    ended: list[Any] = []
+    monkeypatch.setattr(threading, "excepthook", ended.append)
+    script: list[Callable[[Array], Answer]] = [lambda _: _raise(Surprise("!"))]
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(lambda q: script[0](q)))
+    for _ in range(3):
+        got = target.project(WISH, PREVIOUS)
+        assert broken_bounds(LINEAR, got.actions, PREVIOUS) == []
+        assert got.status is Status.FALLBACK
+        assert "exception of its own" in got.reason
+    assert [item.exc_type for item in ended] == [Surprise] * 3
+    script[0] = lambda q: (-q, "")
+    assert "exception" not in target.project(WISH, PREVIOUS).reason
+
+
+def test_a_factory_that_fails_raises_at_once() -> None:
+    """Naming the argument."""
+    with pytest.raises(InvalidProblem, match=r"`solver`.*ZeroDivisionError"):
+        HorizonProjector(CITY, 8, solver=lambda *_: 1 / 0)  # type: ignore[arg-type]
+
+
+def test_a_batch_with_a_slow_solver_shares_a_deadline() -> None:
+    """Sixty-four horizons return within one deadline, though each alone would nearly need it."""
+
+    def slow(q: Array) -> Answer:
+        time.sleep(0.16)
+        return q, ""
+
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.5)
+    # From an inadmissible command, so that every horizon is left to the solver.
+    begin = time.perf_counter()
+    got = target.project_batch(np.tile(WISH, (64, 1, 1)), [0.5, 14.0])
+    assert time.perf_counter() - begin < 0.5
+    assert set(got.status) == {Status.FALLBACK}
+    assert "stopped at the deadline" in got.reason[-1]
+    assert "stopped at the deadline" not in got.reason[0]
+
+
 def test_a_slow_solver_is_left_behind_at_the_deadline() -> None:
     """The call returns in time, also while the solver is still busy, and recovers afterwards."""
-    pause = [0.5]
+    pause = [1.0]
 
     def slow(q: Array) -> Answer:
         time.sleep(pause[0])
         return q, ""
 
-    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.1)
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(slow), deadline=0.5)
     for _ in range(3):
         begin = time.perf_counter()
         got = target.project(WISH, PREVIOUS)
-        assert time.perf_counter() - begin < 0.1
+        assert time.perf_counter() - begin < 0.5
         assert broken_bounds(LINEAR, got.actions, PREVIOUS) == []
         assert got.status is Status.FALLBACK
         assert "deadline" in got.reason
     pause[0] = 0.0
-    time.sleep(0.7)
+    time.sleep(1.2)
     assert "deadline" not in target.project(WISH, PREVIOUS).reason
 
 

@@ -7,7 +7,14 @@ from typing import Any
 import pytest
 from hypothesis import strategies as st
 
-from shield import ClearanceEstimate, InvalidLimits, LaneEstimate, RiskTrigger, TriggerConfig
+from shield import (
+    ClearanceEstimate,
+    InvalidLimits,
+    InvalidProblem,
+    LaneEstimate,
+    RiskTrigger,
+    TriggerConfig,
+)
 from tests.shield.strategies import NASTY
 from tests.shield.tiers import two_tiers
 
@@ -78,6 +85,9 @@ def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bo
     [
         ("clearance", 0.0),
         ("clearance", math.nan),
+        ("clearance", "near"),
+        ("sigma_factor", None),
+        ("lane_centres", 3.5),
         ("lane_deviation", -1.0),
         ("max_age", math.inf),
         ("sigma_factor", -1.0),
@@ -94,3 +104,7 @@ def test_impossible_thresholds_raise(field: str, value: Any) -> None:
         TriggerConfig(**{field: value})
     with pytest.raises(InvalidLimits, match="`dt`"):
         RiskTrigger(QUICK, 0.0)
+    with pytest.raises(InvalidLimits, match="`config`.*None"):
+        RiskTrigger(None, 0.1)  # type: ignore[arg-type]
+    with pytest.raises(InvalidProblem, match="`lane_centres`.*numbers"):
+        TriggerConfig(lane_centres=("left",))  # type: ignore[arg-type]

@@ -63,5 +63,7 @@ def test_rollout_checks_shapes() -> None:
     """States have three entries, commands two."""
     with pytest.raises(InvalidProblem, match=r"`state`.*\(2,\)"):
         BICYCLE.rollout(np.zeros(2), np.zeros((4, 2)))
+    with pytest.raises(InvalidProblem, match="`state`.*numbers"):
+        BICYCLE.rollout("here", np.zeros((4, 2)))
     with pytest.raises(InvalidProblem, match=r"`commands`.*\(0, 2\)"):
         BICYCLE.rollout(np.zeros(3), np.zeros((0, 2)))
