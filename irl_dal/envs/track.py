@@ -30,8 +30,9 @@ SHOULDER = 0.3
 MIN_WIDTH = 4.0
 """Of both sides together [m]; below it a file is not believed."""
 
-MIN_RADIUS = 8.0
-"""Of the yellow line after smoothing [m]: its right-hand edge is 7 m away."""
+MIN_LEFT_RADIUS, MIN_RADIUS = 5.0, 8.0
+"""Of the yellow line after smoothing in bends to the left, where the own lanes are wider, and to
+the right [m], where the edge is 7 m nearer to their centre."""
 
 MIN_RIGHT_RADIUS = 16.0
 """Of the yellow line in bends to the right [m], whose home lane is 5.25 m nearer to their centre:
@@ -118,12 +119,13 @@ class Track:
         speed = np.hypot(first[:, 0], first[:, 1])
         curvature = (first[:, 0] * second[:, 1] - first[:, 1] * second[:, 0]) / speed**3
         heading = np.unwrap(np.arctan2(first[:, 1], first[:, 0]))
-        sharpest = int(np.argmax(np.abs(curvature)))
-        if abs(curvature[sharpest]) * MIN_RADIUS > 1.0:
+        least = np.where(curvature > 0.0, MIN_LEFT_RADIUS, MIN_RADIUS)
+        sharpest = int(np.argmax(np.abs(curvature) * least))
+        if abs(curvature[sharpest]) * least[sharpest] > 1.0:
             line = lines[min(len(lines) - 1, int(sharpest / len(at) * len(lines)))]
             raise TrackError(
                 f"{path}, near line {line}: the centre line bends with a radius of "
-                f"{1.0 / abs(curvature[sharpest]):.1f} m; at least {MIN_RADIUS:g} m are needed"
+                f"{1.0 / abs(curvature[sharpest]):.1f} m; at least {least[sharpest]:g} m are needed"
             )
         left_edge = np.minimum(x[:, 2], 0.8 / np.maximum(curvature, 1e-9))
         return cls(path.name, x[:, :2], heading, curvature, left_edge, closed)
