@@ -65,12 +65,18 @@ VERGE = 1.0
 DARKEST = 5.0
 """Grey of the road below which nothing is measured [1/255]."""
 
+PIXEL_ERROR = 0.29
+"""Standard deviation of a point within its pixel [px], uniform."""
+
+SLANT = 0.25
+"""Tangent of the usual angle between line and view: so much of an error in range is sideways."""
+
 _WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
 _SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
 _SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
 _PRIOR_STD = np.array([30.0, 1.0, 0.04, 0.0015])
 _KEPT_STD = np.array([30.0, 1.0, 0.012, 0.0012])
-_INFLATION = 1.3  # neighbouring pixels share their error; chosen by the normalised errors
+_INFLATION = 0.7  # neighbouring pixels share their error; chosen by the normalised errors
 _WIDTHS = (1.2, 0.5, 0.15)
 _ALONG = np.arange(-2.0, FAR + 4.0, 1.0)
 
@@ -112,9 +118,17 @@ class Eye:
         return points, seen
 
 
+    def blur(self, x: Array) -> Array:
+        """Sideways uncertainty of ground points `x` [m] ahead of the rear axle, of a pixel [m]."""
+        focal = 0.5 * self.size / math.tan(math.radians(0.5 * self.field_of_view))
+        reach = np.maximum(x - self.forward, 0.0)
+        along = SLANT * reach**2 / (self.height * focal)
+        return np.asarray(PIXEL_ERROR * np.hypot(reach / focal, along))
+
+
 @dataclass(frozen=True, slots=True)
 class _Sighting:
-    """Ground points (n, 2) of lines at offsets (n,) with deviations (n,), placed along a guess."""
+    """Ground points (n, 3) of lines at offsets (n,) with deviations (n,), placed along a guess."""
 
     points: Array
     lines: Array
@@ -146,13 +160,13 @@ class LaneCamera:
         points, seen = eye.ground()
         rows = np.flatnonzero(seen.any(axis=1))
         self._top = int(rows[0])
-        self._points: Array = points[self._top :].reshape(-1, 2)
         self._seen: Mask = seen[self._top :].ravel()
-        x, y = self._points.T
+        x, y = points[self._top :].reshape(-1, 2).T
+        self._points = np.stack([x, y, eye.blur(x)], axis=1)
         self._nearest: Mask = self._seen & (x < WHITE_FAR)
         near = np.flatnonzero(self._seen & (np.abs(y) < 2.0) & (x < 14.0))
         self._lane = near[:: 1 + len(near) // MAX_PIXELS]
-        self._beside = _shifted(self._points.reshape(-1, eye.size, 2)[..., 1], VERGE)
+        self._beside = _shifted(y.reshape(-1, eye.size), VERGE)
         self.reset()
 
     def reset(self) -> None:
@@ -225,7 +239,7 @@ class LaneCamera:
         return found
 
     def _thinned(self, mask: Mask) -> Array:
-        """Ground points (n, 2) of at most about `MAX_PIXELS` pixels of a mask, evenly chosen."""
+        """Points (n, 3), x, y and blur, of about `MAX_PIXELS` pixels of a mask at most."""
         chosen = np.flatnonzero(mask)
         return self._points[chosen[:: 1 + len(chosen) // MAX_PIXELS]]
 
@@ -277,7 +291,7 @@ class LaneCamera:
 
 
 def _parabola(points: Array) -> Array:
-    """First guess (4,) from ground points (n, 2) of the yellow line, robust against strays."""
+    """First guess (4,) from ground points (n, 3) of the yellow line, robust against strays."""
     x, y = points[:, 0], points[:, 1]
     terms = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
     prior = np.diag([1e-6, 1.0, 400.0])
@@ -291,7 +305,7 @@ def _parabola(points: Array) -> Array:
 
 
 def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
-    """Place points (n, 2) of the car's frame along the clothoid `x` (4,): s, d and d's Jacobian."""
+    """Place points (n, 3) of the car's frame along the clothoid `x` (4,): s, d and d's Jacobian."""
     offset, psi, bend, rate = (float(value) for value in x)
     heading = (bend + 0.5 * rate * _ALONG) * _ALONG - psi
     cos, sin = np.cos(heading), np.sin(heading)
@@ -320,18 +334,18 @@ def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
 
 
 def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
-    """Yellow pixels (n, 2) and those white ones (m, 2) that lie near a white line of `x` (4,)."""
+    """Yellow pixels (n, 3) and those white ones (m, 3) that lie near a white line of `x` (4,)."""
     points = np.concatenate([yellow, white])
     s, d, jacobian = _coordinates(points, x)
     lines = np.zeros(len(points))
-    sigma = np.full(len(points), _SIGMA_YELLOW)
+    sigma = np.hypot(_SIGMA_YELLOW, points[:, 2])
     if not len(white):
         return _Sighting(points, lines, sigma, x, (s, d, jacobian))
     first = len(yellow)
     apart = d[first:, None] - _WHITE_LINES
     which = np.argmin(np.abs(apart), axis=1)
     lines[first:] = _WHITE_LINES[which]
-    sigma[first:] = _SIGMA_WHITE
+    sigma[first:] = np.hypot(_SIGMA_WHITE, white[:, 2])
     keep = np.abs(d - lines) < GATE
     keep[:first] = True
     placed = (s[keep], d[keep], jacobian[keep])
@@ -347,7 +361,7 @@ def _shifted(y: Array, way: float) -> NDArray[np.int64]:
 
 
 def _from_edge(edge: Array) -> Array | None:
-    """First guess (4,) from ground points (n, 2) of the edge line; None where it is not seen."""
+    """First guess (4,) from ground points (n, 3) of the edge line; None where it is not seen."""
     if len(edge) < MIN_WHITE:
         return None
     guess = _parabola(edge)
@@ -356,7 +370,7 @@ def _from_edge(edge: Array) -> Array | None:
 
 
 def _covers(x: Array, grass: Array) -> bool:
-    """Whether the own direction's lanes along the fit `x` (4,) would cover grass (n, 2)."""
+    """Whether the own direction's lanes along the fit `x` (4,) would cover grass (n, 3)."""
     s, d, _ = _coordinates(grass, x)
     inside = (d > -HALF_WIDTH + 0.5) & (d < 0.0) & (s > 0.0)
     return int(inside.sum()) > MAX_GREEN
