@@ -91,9 +91,9 @@ class TrafficDensity:
 
 
 DENSITY = {
-    "easy": TrafficDensity(standing=0.6, slow=0.0, oncoming=0.4, pedestrians=0.1, min_gap=70.0),
-    "paper": TrafficDensity(standing=1.0, slow=0.3, oncoming=0.8, pedestrians=0.3, min_gap=50.0),
-    "hard": TrafficDensity(standing=1.5, slow=0.6, oncoming=1.5, pedestrians=0.6, min_gap=38.0),
+    "easy": TrafficDensity(standing=0.6, slow=0.0, oncoming=0.4, pedestrians=0.05, min_gap=70.0),
+    "paper": TrafficDensity(standing=1.0, slow=0.3, oncoming=0.8, pedestrians=0.12, min_gap=50.0),
+    "hard": TrafficDensity(standing=1.5, slow=0.6, oncoming=1.5, pedestrians=0.4, min_gap=38.0),
 }
 """`easy`: a first drive. `paper`: the default. `hard`: little room between two manoeuvres."""
 

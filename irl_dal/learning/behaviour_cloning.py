@@ -62,8 +62,8 @@ class CloningConfig:
     factor: float = 0.5
     min_learning_rate: float = 5e-5
     batch_size: int = 128
-    steps_imitation: int = 100
-    steps_mixed: int = 30
+    steps_imitation: int = 150
+    steps_mixed: int = 60
     corrected_share: float = 0.25
     validation_size: int = 512
 
