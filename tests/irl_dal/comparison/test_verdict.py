@@ -46,6 +46,25 @@ def test_the_finding_states_both_rates(compared: Compared) -> None:
     assert "not one command" in sentence
 
 
+def test_what_guidance_did_is_said(compared: Compared) -> None:
+    """Successes and energies of the same mode with and without it."""
+    sentence = findings(compared.report)[2]
+    states, arms = compared.report["states"], compared.report["arms"]
+    for name in ("x0", "x0, unguided"):
+        assert f"{states[name]['state_plan_energy']:.2f}" in sentence
+    for end in ("", "-unguided"):
+        assert f"{100.0 * arms[f'alone-x0-shield{end}']['success']:.0f} %" in sentence
+    blind = {name: {k: v for k, v in s.items() if "energy" not in k} for name, s in states.items()}
+    assert "energy" not in findings({**compared.report, "states": blind})[-1]
+
+
+def test_no_difference_is_not_an_interval(compared: Compared) -> None:
+    """Two episodes that end alike are said to, instead of an interval of no width."""
+    arms = compared.report["arms"]
+    assert arms["trigger-x0-shield"]["success_vs_none_ci95"] == [0.0, 0.0]
+    assert "paired difference 0 in every episode" in findings(compared.report)[1]
+
+
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_tables_fit_a_terminal(compared: Compared, width: int) -> None:
     """Nothing is cut off, every arm has a row."""
