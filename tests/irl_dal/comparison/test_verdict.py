@@ -67,11 +67,20 @@ def test_no_difference_is_not_an_interval(compared: Compared) -> None:
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_tables_fit_a_terminal(compared: Compared, width: int) -> None:
-    """Nothing is cut off, every arm has a row."""
+    """Nothing is cut off, every arm has a row, with numbers as long as they come."""
     console = Console(width=width, record=True, file=io.StringIO())
-    for table in comparison_tables(compared.report):
+    long = {
+        **{"success": 1.0, "collisions_per_1k_steps": 10.25, "comfort_rms_jerk": 34.3},
+        **{"ade_m": 16.19, "fde_m": 13.49, "latency_plan_p50_ms": 91.8},
+        **{"latency_plan_p99_ms": 279.2, "nominal_violation_rate": 1.0},
+        **{"nominal_violation_rate_planner": 1.0, "command_violation_rate": 1.0},
+    }
+    arms = {name: arm | long for name, arm in compared.report["arms"].items()}
+    for table in comparison_tables({**compared.report, "arms": arms}):
         console.print(table)
     text = console.export_text()
     assert "…" not in text
+    for words, times in (("279.2", len(arms)), ("[m/s²]", 2), ("10.25", len(arms))):
+        assert text.count(words) == times, words
     assert text.count("x0 + shield, unguided") == 4
     assert "planner alone, 2 episodes" in text
