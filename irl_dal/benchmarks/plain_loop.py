@@ -58,8 +58,8 @@ class PlainLoop:
         """The last clean estimates (N, H, 2), normalised."""
         config, generator = self._planner.config, self._planner.generator
         energy = TotalEnergy(context, config.energy, self._planner.limits, config.horizon)
-        guidance = Guidance(energy, config.guidance)
         steps = len(self._scheduler.timesteps)
+        guidance = Guidance(energy, config.guidance, steps - 1)
         projection = PlanProjection(
             config.projection, self._projector, context.previous, steps, config.defect_threshold
         )

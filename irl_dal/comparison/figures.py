@@ -34,8 +34,11 @@ SHOWN = (
 )
 """Numbers that get a panel."""
 
-OFF = "#e53935"
+OFF = "#d50000"
 """What is out of bounds."""
+
+SHORTEST_VIEW = 10.0
+"""How far ahead paths are shown at least [m], so that the lane can be seen around a slow plan."""
 
 DIGITS = 1e-9
 """Share of a bound below which a difference is rounding."""
@@ -123,7 +126,8 @@ def draw_paths(
 ) -> Figure:
     """Where the candidates lead, seen from above, with the scan; a panel per mode."""
     points, _ = scan_points(context)
-    reach = 2.0 + limits.dt * max(float(t.plan.candidates[..., 1].sum(1).max()) for t in traces)
+    longest = limits.dt * max(float(t.plan.candidates[..., 1].sum(1).max()) for t in traces)
+    reach = max(SHORTEST_VIEW, 2.0 + longest)
     with drawing(10.5, 0.9 + 10.0 / len(traces) * 6.0 / (reach + 1.0)) as figure:
         for axes, trace in zip(figure.subplots(1, len(traces), sharey=True), traces, strict=True):
             path = EgoRollout.of(trace.plan.candidates, limits.wheelbase, limits.dt)

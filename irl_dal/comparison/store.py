@@ -68,9 +68,10 @@ class ComparisonStore:
         known = _read(path)
         if known is None:
             raise ConfigError(f"{where}: settings.json is damaged")
-        for key in sorted({*known, *wanted}):
-            if known.get(key) != wanted.get(key):
-                was, now = (_short(content.get(key)) for content in (known, wanted))
+        ours, theirs = _flat(wanted), _flat(known)
+        for key in {**ours, **theirs}:
+            if theirs.get(key) != ours.get(key):
+                was, now = (_short(content.get(key)) for content in (theirs, ours))
                 raise ConfigError(
                     f"{where}: holds a comparison with {key} = {was}, asked for is {now}; "
                     "choose another folder"
@@ -118,6 +119,15 @@ def _read(path: Path) -> dict[str, Any] | None:
     except (FileNotFoundError, ValueError):
         return None
     return dict(content) if isinstance(content, dict) else None
+
+
+def _flat(content: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested settings under dotted names."""
+    flat: dict[str, Any] = {}
+    for key, value in content.items():
+        name = f"{prefix}{key}"
+        flat |= _flat(value, f"{name}.") if isinstance(value, dict) else {name: value}
+    return flat
 
 
 def _short(value: object) -> str:

@@ -17,7 +17,7 @@ GREY = "#8a9099"
 """Of lines and ticks: readable on white and on black."""
 
 MODE_COLOURS = {
-    "none": "#d81b60",
+    "none": "#e573a5",
     "final": "#f2a007",
     "x0": "#1f77d0",
     "xt": "#7e57c2",

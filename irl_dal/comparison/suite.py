@@ -10,7 +10,7 @@ from typing import Any
 
 from joblib import Parallel, delayed
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.progress import Progress
 
 import irl_dal
 from irl_dal.checkpoint import CheckpointStore
@@ -18,12 +18,10 @@ from irl_dal.comparison.arms import Arm, arms_of, state_arms
 from irl_dal.comparison.numbers import summarise
 from irl_dal.comparison.work import Subject, Work, arm_bench, drive_arm, plan_in_states
 from irl_dal.config import to_mapping
+from irl_dal.evaluation.workers import CHUNK, progress_bar
 from irl_dal.runs import provenance
 
 __all__ = ["compare", "settings_of"]
-
-CHUNK = 4
-"""Largest number of episodes that a process drives before it reports."""
 
 _CODE = (
     "comparison/arms.py",
@@ -64,7 +62,7 @@ def compare(subject: Subject, console: Console | None = None) -> dict[str, Any]:
     missing = store.missing_states(seeds, [arm.name for arm in planning])
     states = [delayed(plan_in_states)(subject, planning, part) for part in _parts(missing, subject)]
     driven = _interleaved(subject, arms, seeds)
-    with _progress(console) as progress:
+    with progress_bar(console) as progress:
         _run(states, "expert's states", len(missing), comparison.n_jobs, progress)
         calls = [delayed(drive_arm)(subject, arm, part) for arm, part in driven]
         total = sum(len(part) for _, part in driven)
@@ -133,18 +131,6 @@ def _run(
     parallel = Parallel(n_jobs=min(jobs, len(calls)), return_as="generator_unordered")
     for done in parallel(calls):
         progress.advance(task, done)
-
-
-def _progress(console: Console | None) -> Progress:
-    return Progress(
-        TextColumn("[bold]{task.description}"),
-        BarColumn(bar_width=24),
-        MofNCompleteColumn(),
-        TimeRemainingColumn(),
-        console=console,
-        transient=True,
-        disable=console is None,
-    )
 
 
 def _code() -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
+from rich.text import Text
 
 __all__ = [
     "ACTIVATIONS",
@@ -68,7 +69,7 @@ SAFETY_COLUMNS = (
 RIDE_COLUMNS = (
     Column("comfort_rms_jerk", "RMS jerk", "m/s³", 1, -1),
     Column("comfort_rms_steering_rate", "steering rate", "rad/s", 3, -1, short="steer"),
-    Column("comfort_max_lateral_acceleration", "lateral", "m/s²", 2, -1),
+    Column("comfort_max_lateral_acceleration", "lateral", "m/s²", 2, -1, short="lat."),
     Column("ade_m", "ADE", "m", 2, -1),
     Column("fde_m", "FDE", "m", 2, -1),
     Column("latency_plan_p50_ms", "plan p50", "ms", 1, -1, short="p50"),
@@ -126,11 +127,15 @@ def _table(
     title: str, columns: Sequence[Column], rows: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> Table:
     """Numbers in columns, the arms in rows."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
+    table = Table(
+        title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+    )
     table.add_column("", no_wrap=True)
     for column in columns:
         unit = f" [{column.unit}]" if column.unit else ""
-        table.add_column((column.short or column.title) + unit, justify="right")
+        heading = (column.short or column.title) + unit
+        longest = max(len(word) for word in heading.split())
+        table.add_column(Text(heading), justify="right", min_width=longest)
     for name, numbers in rows:
         table.add_row(name, *(column.number(numbers.get(column.key)) for column in columns))
     return table

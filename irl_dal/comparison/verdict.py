@@ -66,9 +66,33 @@ def findings(report: Mapping[str, Any]) -> list[str]:
     sentences.append(
         f"{best} with the shield succeeded in {100.0 * ours['success']:.0f} % of the episodes, "
         f"pure diffusion in {100.0 * theirs['success']:.0f} % (paired difference "
-        f"{_points(ours, 'success')}); collisions {_points(ours, 'collision_rate')}."
+        f"{_points(ours, 'success')}); difference in "
+        f"collisions {_points(ours, 'collision_rate')}."
     )
-    return sentences
+    return [*sentences, _guidance(report)]
+
+
+def _guidance(report: Mapping[str, Any]) -> str:
+    """What the energies did to the plans and to the drives, in the mode without guidance too."""
+    arms, states = report["arms"], report["states"]
+    (mode,) = {arm["projection"] for arm in arms.values() if not arm["guided"]}
+    drives = []
+    for activation in report["settings"]["activations"]:
+        with_it, without = (arms[f"{activation}-{mode}-shield{end}"] for end in ("", "-unguided"))
+        drives.append(
+            f"{ACTIVATIONS[activation]} {100.0 * with_it['success']:.0f} % against "
+            f"{100.0 * without['success']:.0f} %"
+        )
+    sentence = f"Successes of {mode} with guidance against without: {', '.join(drives)}."
+    guided, unguided = (
+        states[name].get("state_plan_energy") for name in (mode, f"{mode}, unguided")
+    )
+    if guided is None or unguided is None:
+        return sentence
+    return (
+        f"{sentence} Mean energy of its plans in the same risky states: {guided:.2f} against "
+        f"{unguided:.2f}."
+    )
 
 
 def _points(arm: Mapping[str, Any], key: str) -> str:
@@ -76,5 +100,7 @@ def _points(arm: Mapping[str, Any], key: str) -> str:
     value, bounds = arm[f"{key}_vs_none"], arm[f"{key}_vs_none_ci95"]
     if value is None or bounds is None:
         return "unknown"
+    if value == bounds[0] == bounds[1] == 0.0:
+        return "0 in every episode"
     low, high = (100.0 * bound for bound in bounds)
     return f"{100.0 * value:+.0f} points, 95 % interval {low:+.0f} to {high:+.0f}"

@@ -12,7 +12,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
 
-__all__ = ["Workers"]
+__all__ = ["CHUNK", "Workers", "progress_bar"]
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -37,15 +37,7 @@ class Workers:
         self._config = config
         self._spec = spec
         self._jobs = jobs
-        self._progress = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            console=console,
-            transient=True,
-            disable=console is None,
-        )
+        self._progress = progress_bar(console)
 
     def __enter__(self) -> Workers:
         self._progress.start()
@@ -70,6 +62,19 @@ class Workers:
             results += done
             self._progress.advance(task, len(done))
         return results
+
+
+def progress_bar(console: Console | None) -> Progress:
+    """A bar per kind of work; None shows none."""
+    return Progress(
+        TextColumn("[bold]{task.description}"),
+        BarColumn(bar_width=24),
+        MofNCompleteColumn(),
+        TimeRemainingColumn(),
+        console=console,
+        transient=True,
+        disable=console is None,
+    )
 
 
 def _work(

@@ -152,7 +152,7 @@ class DiffusionPlanner:
         if not context.finite:
             return self._fall_back(context, "context", "the context is not finite", begin)
         energy = TotalEnergy(context, self.config.energy, self.limits, self.config.horizon)
-        guidance = Guidance(energy, self.config.guidance)
+        guidance = Guidance(energy, self.config.guidance, len(self._sampler.transitions) - 1)
         projection = self._projection(context)
         stages: tuple[Refinement, ...] = (projection, *watchers)
         if self.config.guidance.scale > 0.0:

@@ -53,6 +53,7 @@ def test_plans_in_the_same_states(compared: Compared) -> None:
     assert states["x0"]["state_plan_violation_rate"] == 0.0
     assert states["x0"]["state_plan_nominal_violation_rate"] > 0.0
     assert states["x0"]["state_plan_energy"] < states["none"]["state_plan_energy"]
+    assert states["x0"]["state_plan_energy"] < states["x0, unguided"]["state_plan_energy"]
     assert states["x0"]["state_plan_energy_nominal"] < states["x0"]["state_plan_energy_unguided"]
     assert states["x0, unguided"]["state_plan_energy_unguided"] is None
     assert states["none"]["state_plan_diversity_m"] > 0.0
@@ -144,7 +145,8 @@ def test_another_planner_is_refused(compared: Compared) -> None:
     """The configuration of the run counts too."""
     config = compared.subject.config
     slower = replace(config, planner=replace(config.planner, sampling_steps=5))
-    with pytest.raises(ConfigError, match=r"config\.planner"):
+    words = r"config\.planner\.sampling_steps = 4, asked for is 5"
+    with pytest.raises(ConfigError, match=words):
         compare(replace(compared.subject, config=slower))
 
 

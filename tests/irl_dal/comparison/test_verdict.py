@@ -46,13 +46,41 @@ def test_the_finding_states_both_rates(compared: Compared) -> None:
     assert "not one command" in sentence
 
 
+def test_what_guidance_did_is_said(compared: Compared) -> None:
+    """Successes and energies of the same mode with and without it."""
+    sentence = findings(compared.report)[2]
+    states, arms = compared.report["states"], compared.report["arms"]
+    for name in ("x0", "x0, unguided"):
+        assert f"{states[name]['state_plan_energy']:.2f}" in sentence
+    for end in ("", "-unguided"):
+        assert f"{100.0 * arms[f'alone-x0-shield{end}']['success']:.0f} %" in sentence
+    blind = {name: {k: v for k, v in s.items() if "energy" not in k} for name, s in states.items()}
+    assert "energy" not in findings({**compared.report, "states": blind})[-1]
+
+
+def test_no_difference_is_not_an_interval(compared: Compared) -> None:
+    """Two episodes that end alike are said to, instead of an interval of no width."""
+    arms = compared.report["arms"]
+    assert arms["trigger-x0-shield"]["success_vs_none_ci95"] == [0.0, 0.0]
+    assert "paired difference 0 in every episode" in findings(compared.report)[1]
+
+
 @pytest.mark.parametrize("width", [80, 120])
 def test_the_tables_fit_a_terminal(compared: Compared, width: int) -> None:
-    """Nothing is cut off, every arm has a row."""
+    """Nothing is cut off, every arm has a row, with numbers as long as they come."""
     console = Console(width=width, record=True, file=io.StringIO())
-    for table in comparison_tables(compared.report):
+    long = {
+        **{"success": 1.0, "collisions_per_1k_steps": 10.25, "comfort_rms_jerk": 34.3},
+        **{"ade_m": 16.19, "fde_m": 13.49, "latency_plan_p50_ms": 91.8},
+        **{"latency_plan_p99_ms": 279.2, "nominal_violation_rate": 1.0},
+        **{"nominal_violation_rate_planner": 1.0, "command_violation_rate": 1.0},
+    }
+    arms = {name: arm | long for name, arm in compared.report["arms"].items()}
+    for table in comparison_tables({**compared.report, "arms": arms}):
         console.print(table)
     text = console.export_text()
     assert "…" not in text
+    for words, times in (("279.2", len(arms)), ("[m/s²]", 2), ("10.25", len(arms))):
+        assert text.count(words) == times, words
     assert text.count("x0 + shield, unguided") == 4
     assert "planner alone, 2 episodes" in text

@@ -17,7 +17,7 @@ def test_step_has_the_length_of_the_equation() -> None:
     scene = context(distance=3.0)
     energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
     actions = chunks(rng, scene, 4)
-    moved = Guidance(energy, GuidanceConfig(scale=0.1)).clean(actions, 0) - actions
+    moved = Guidance(energy, GuidanceConfig(epsilon=1e-6)).clean(actions, 0) - actions
     np.testing.assert_allclose(np.linalg.norm(moved.reshape(4, -1), axis=1), 0.1, rtol=1e-5)
     _, gradient = energy.evaluate(actions)
     assert bool(np.all(np.einsum("bhc,bhc->b", moved, gradient) < 0.0))
@@ -34,6 +34,44 @@ def test_a_small_step_lowers_the_energy() -> None:
         after = energy.value(guidance.clean(actions, 0))
         assert guidance.energy_before is not None
         assert bool(np.all(after < guidance.energy_before))
+
+
+@pytest.mark.parametrize("careful", [True, False])
+def test_a_careful_end_never_raises_the_energy(careful: bool) -> None:
+    """In steep states the full last step does, the shortened one lowers it or is not taken."""
+    rng = np.random.default_rng(4)
+    raised = moved = 0
+    for _ in range(60):
+        scene = random_context(rng)
+        energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+        guidance = Guidance(energy, GuidanceConfig(careful_end=careful), last=9)
+        actions = chunks(rng, scene, 3)
+        after = guidance.clean(actions, 9)
+        assert guidance.energy_before is not None
+        raised += int((energy.value(after) > guidance.energy_before).sum())
+        moved += int(np.any(after != actions, axis=(1, 2)).sum())
+    assert (raised == 0) == careful
+    assert moved > 150
+
+
+def test_only_the_last_step_is_careful() -> None:
+    """Steps before it keep the length of the equation."""
+    scene = context(distance=1.0)
+    energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    actions = chunks(np.random.default_rng(0), scene, 4)
+    moved = Guidance(energy, GuidanceConfig(epsilon=1e-6), last=9).clean(actions, 8) - actions
+    np.testing.assert_allclose(np.linalg.norm(moved.reshape(4, -1), axis=1), 0.1, rtol=1e-5)
+
+
+def test_steps_shrink_with_a_small_gradient() -> None:
+    """At the size of epsilon a step is half as long, far above it has its full length."""
+    scene = context(distance=1.0)
+    energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    actions = chunks(np.random.default_rng(0), scene, 1)
+    norm = float(np.linalg.norm(energy.evaluate(actions)[1]))
+    for epsilon, share in ((norm, 0.5), (1e-3 * norm, 1.0)):
+        moved = Guidance(energy, GuidanceConfig(epsilon=epsilon)).clean(actions, 0) - actions
+        assert float(np.linalg.norm(moved)) == pytest.approx(0.1 * share, rel=2e-3)
 
 
 def test_a_flat_energy_moves_nothing() -> None:
