@@ -199,8 +199,8 @@ class OsqpSolver:
             "max_iter": max_iterations,
             "time_limit": deadline,
             # A multiple of the checks, never the clock: same input, same iterations.
-            "adaptive_rho_interval": 45,
-            "check_termination": 15,
+            "adaptive_rho_interval": 50,
+            "check_termination": 10,
             "polishing": False,
             "verbose": False,
         }

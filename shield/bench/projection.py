@@ -42,7 +42,7 @@ def single_against_bare(
     """
     linear = replace(limits, max_lateral_acceleration=None)
     projector = HorizonProjector(linear, horizon)
-    nominals, previous = random_problems(linear, horizon, count, rng)
+    nominals, previous = map(list, random_problems(linear, horizon, count, rng))
     rows = [
         stack_rows([BoxLimit(linear), RateLimit(linear)], one, last)
         for one, last in zip(nominals, previous, strict=True)
@@ -141,7 +141,7 @@ def growth(
     """Time one horizon against its length, and a batch against its size.
 
     Returns:
-        Milliseconds per call: ``single`` by H, ``batch`` by B at H = 8.
+        Mean milliseconds of processor time per call: ``single`` by H, ``batch`` by B at H = 8.
     """
     single, batch = {}, {}
     for horizon in horizons:
@@ -152,16 +152,22 @@ def growth(
             100,
             rounds=2,
         )
-        single[str(horizon)] = 1e3 * timing.quantile(0.5)
+        single[str(horizon)] = 1e3 * float(timing.cpu.mean())
     projector = HorizonProjector(limits, 8)
+    nominals, previous = random_problems(limits, 8, max(batches), rng)
     for size in batches:
-        nominals, previous = random_problems(limits, 8, size, rng)
+        # Small batches differ much from each other, so several are cut out of the same problems.
+        parts = min(len(nominals) // size, 40)
         (timing,) = take_turns(
-            [lambda _, n=nominals, v=previous: projector.project_batch(n, v)],  # type: ignore[misc]
-            1,
+            [
+                lambda i, n=nominals, v=previous, b=size: projector.project_batch(  # type: ignore[misc]
+                    n[i * b : (i + 1) * b], v[i * b : (i + 1) * b]
+                )
+            ],
+            parts,
             rounds=5,
         )
-        batch[str(size)] = 1e3 * timing.quantile(0.5)
+        batch[str(size)] = 1e3 * float(timing.cpu.mean())
     return {"single": single, "batch": batch}
 
 
@@ -175,7 +181,7 @@ def _milliseconds(name: str, timing: Timing) -> dict[str, float]:
 
 
 def _bare_osqp(
-    projector: HorizonProjector, nominals: Array, rows: list[Rows], tolerance: float
+    projector: HorizonProjector, nominals: list[Array], rows: list[Rows], tolerance: float
 ) -> Callable[[int], Any]:
     """Return OSQP's own update and solve, with a warm start, for each problem."""
     solver = OsqpSolver(
@@ -202,7 +208,7 @@ def _bare_osqp(
     return run
 
 
-def _casadi_osqp(nominals: Array, rows: list[Rows]) -> Callable[[int], object]:
+def _casadi_osqp(nominals: list[Array], rows: list[Rows]) -> Callable[[int], object]:
     """Return CasADi's `conic("osqp")` at the tolerance to compare at, for each problem."""
     hessian = casadi.DM.eye(rows[0].matrix.shape[1])
     matrix = casadi.sparsify(casadi.DM(rows[0].matrix))
@@ -225,7 +231,7 @@ def _casadi_osqp(nominals: Array, rows: list[Rows]) -> Callable[[int], object]:
     return run
 
 
-def _bare_daqp(nominals: Array, rows: list[Rows]) -> Callable[[int], object]:
+def _bare_daqp(nominals: list[Array], rows: list[Rows]) -> Callable[[int], object]:
     """Return DAQP through qpsolvers, from a cold start, for each problem."""
     size = rows[0].matrix.shape[1]
     inequality = np.vstack([rows[0].matrix[size:], -rows[0].matrix[size:]])
