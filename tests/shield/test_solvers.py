@@ -17,6 +17,8 @@ from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
 
 PREVIOUS = np.array([0.08, 9.0])
+# Of tests that are not about deadlines: so long that a busy machine does not decide.
+PATIENT = 5.0
 WISH = np.column_stack([np.linspace(0.1, 0.5, 8), np.linspace(9.0, 13.0, 8)])
 
 
@@ -50,7 +52,9 @@ def _raise(error: Exception) -> Any:
 @pytest.mark.parametrize("limits", [CITY, LINEAR], ids=["lateral", "linear"])
 def test_a_raising_solver_leads_to_the_fallback(kind: type[Exception], limits: Any) -> None:
     """Whatever it raises, its own exception included."""
-    target = HorizonProjector(limits, 8, solver=Scripted(lambda q: _raise(kind("boom"))))
+    target = HorizonProjector(
+        limits, 8, solver=Scripted(lambda q: _raise(kind("boom"))), deadline=PATIENT
+    )
     got = target.project(WISH, PREVIOUS)
     assert broken_bounds(limits, got.actions, PREVIOUS) == []
     assert got.status is Status.FALLBACK
@@ -72,7 +76,9 @@ def test_a_raising_solver_leads_to_the_fallback(kind: type[Exception], limits: A
 def test_a_lying_solver_is_not_believed(answer: Callable[[Array], Answer]) -> None:
     """Garbage labelled as solved does not reach the actuators, and the status tells."""
     for limits in (CITY, LINEAR):
-        got = HorizonProjector(limits, 8, solver=Scripted(answer)).project(WISH, PREVIOUS)
+        got = HorizonProjector(limits, 8, solver=Scripted(answer), deadline=PATIENT).project(
+            WISH, PREVIOUS
+        )
         assert broken_bounds(limits, got.actions, PREVIOUS) == []
         assert got.status in (Status.REPAIRED, Status.FALLBACK), limits
         assert got.reason
@@ -85,7 +91,7 @@ def test_a_lying_solver_is_not_believed(answer: Callable[[Array], Answer]) -> No
 )
 def test_an_answer_of_the_wrong_type_is_none(answer: Any) -> None:
     """A solver that breaks its contract costs the optimum, not the loop."""
-    target = HorizonProjector(CITY, 8, solver=Scripted(lambda _: answer))
+    target = HorizonProjector(CITY, 8, solver=Scripted(lambda _: answer), deadline=PATIENT)
     got = target.project(WISH, PREVIOUS)
     assert_safe(got)
     assert "answer" in got.reason
@@ -102,7 +108,7 @@ def test_an_exception_nobody_knows_ends_a_thread_and_not_the_loop(
     ended: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", ended.append)
     script: list[Callable[[Array], Answer]] = [lambda _: _raise(Surprise("!"))]
-    target = HorizonProjector(LINEAR, 8, solver=Scripted(lambda q: script[0](q)))
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(lambda q: script[0](q)), deadline=PATIENT)
     for _ in range(3):
         got = target.project(WISH, PREVIOUS)
         assert broken_bounds(LINEAR, got.actions, PREVIOUS) == []
@@ -169,7 +175,7 @@ def test_osqp_stops_at_a_deadline_of_a_microsecond() -> None:
 
 def test_a_failing_osqp_costs_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
     """Broken from outside it leads to the fallback; once mended, all is as before."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     healthy = target.project(WISH, PREVIOUS)
     with monkeypatch.context() as patch:
         patch.setattr(osqp.OSQP, "solve", lambda *_, **__: _raise(RuntimeError("killed")))
@@ -189,7 +195,7 @@ def test_an_osqp_that_does_not_finish_is_reported(
     status: str, x: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interrupted, out of iterations, without an iterate, with one of the wrong shape."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     result = SimpleNamespace(x=x, info=SimpleNamespace(status=status))
     monkeypatch.setattr(osqp.OSQP, "solve", lambda *_, **__: result)
     assert_safe(target.project(WISH, PREVIOUS))
@@ -199,7 +205,7 @@ def test_an_osqp_that_cannot_be_rebuilt_does_not_end_the_loop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Even `setup` may fail, call after call."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     monkeypatch.setattr(osqp.OSQP, "solve", lambda *_, **__: _raise(ValueError("broken")))
     monkeypatch.setattr(osqp.OSQP, "setup", lambda *_, **__: _raise(MemoryError("none left")))
     for _ in range(3):
