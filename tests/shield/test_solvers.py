@@ -1,8 +1,10 @@
 """G4 when the solver fails: every kind of failure ends in an admissible horizon."""
 
+import gc
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -161,6 +163,44 @@ def test_a_slow_solver_is_left_behind_at_the_deadline() -> None:
     pause[0] = 0.0
     time.sleep(1.2)
     assert "deadline" not in target.project(WISH, PREVIOUS).reason
+
+
+def test_the_thread_of_a_solver_ends_with_its_projector() -> None:
+    """Projectors that come and go leave no threads behind."""
+    before = threading.active_count()
+    for _ in range(20):
+        target = HorizonProjector(CITY, 8, solver=Scripted(lambda q: (-q, "")), deadline=PATIENT)
+        assert_safe(target.project(WISH, PREVIOUS))
+    del target
+    gc.collect()
+    end = time.perf_counter() + PATIENT
+    while threading.active_count() > before and time.perf_counter() < end:
+        time.sleep(0.01)
+    assert threading.active_count() <= before
+
+
+def test_a_system_without_threads_does_not_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cannot be watched is not run, and the loop goes on."""
+    target = HorizonProjector(CITY, 8, solver=Scripted(lambda q: (-q, "")), deadline=PATIENT)
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", lambda _: _raise(RuntimeError("no more")))
+        got = target.project(WISH, PREVIOUS)
+        assert_safe(got)
+        assert "no thread" in got.reason
+    assert "no thread" not in target.project(WISH, PREVIOUS).reason
+
+
+def test_proxqp_gives_up_on_problems_that_it_would_work_on_for_seconds() -> None:
+    """It holds Python's lock, so nobody else could stop it."""
+    pytest.importorskip("proxsuite")
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        limits = replace(LINEAR, dt=1e-3, max_steering_rate=10.0 ** rng.uniform(-9.0, -6.0))
+        target = HorizonProjector(limits, 16, solver="proxqp", deadline=PATIENT)
+        begin = time.process_time()
+        got = target.project(rng.normal(0.0, 1e3, (16, 2)), [0.0, 5.0])
+        assert time.process_time() - begin < 0.5
+        assert broken_bounds(limits, got.actions, np.array([0.0, 5.0])) == []
 
 
 def test_osqp_stops_at_a_deadline_of_a_microsecond() -> None:
