@@ -223,11 +223,11 @@ class HorizonProjector:
         self, flat: list[float], steering: float, speed: float, stop_at: float
     ) -> tuple[list[float], Status, str]:
         """Return the repaired horizon for a nominal that is not admissible."""
-        # A sum that is not finite may be one of huge numbers: look again.
-        if not math.isfinite(sum(flat)) and not all(map(math.isfinite, flat)):
-            return self._brake(flat, steering, speed)
-        largest, near = max(max(flat), -min(flat)), _NEAR * self._reach
-        if largest > _FAR * self._reach:
+        # At least the largest value, at one call's cost; only where it is large look again.
+        largest, near = math.hypot(*flat), _NEAR * self._reach
+        if not largest <= near:
+            if not all(map(math.isfinite, flat)):
+                return self._brake(flat, steering, speed)
             far = _FAR * self._reach
             flat = [min(max(value, -far), far) for value in flat]
         if time.perf_counter() > stop_at:

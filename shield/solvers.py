@@ -8,6 +8,7 @@ it stopped before its tolerance, or ``(None, reason)`` when it has nothing to of
 
 import queue
 import threading
+import weakref
 from collections.abc import Callable
 from typing import Any, Protocol
 
@@ -35,6 +36,7 @@ __all__ = [
 
 Array = NDArray[np.float64]
 Answer = tuple[Array | None, str]
+_Problems = queue.SimpleQueue[tuple[Any, ...] | None]
 
 # What a solver and its bindings raise when they fail. Interrupts and exits are the user's.
 FAILURES: tuple[type[Exception], ...] = (
@@ -51,6 +53,20 @@ FAILURES: tuple[type[Exception], ...] = (
     QPError,
     osqp.OSQPException,
 )
+
+
+# Solvers of qpsolvers hold Python's lock while they work, so each stops by itself: by the clock
+# where it has one, else by its count of iterations, several times what our problems take.
+_TIME_LIMITS = {
+    "clarabel": "time_limit",
+    "daqp": "time_limit",
+    "highs": "time_limit",
+    "scs": "time_limit_secs",
+}
+_ITERATIONS: dict[str, dict[str, int]] = {
+    "piqp": {"max_iter": 100},
+    "proxqp": {"max_iter": 100},
+}
 
 
 class QPSolver(Protocol):
@@ -105,7 +121,7 @@ def make_solver(
     if solver == "osqp":
         return OsqpSolver(weights, pattern, tolerance, deadline)
     if solver in qpsolvers.available_solvers:
-        return DeadlineSolver(QpsolversSolver(solver, weights, pattern), deadline)
+        return DeadlineSolver(QpsolversSolver(solver, weights, pattern, deadline), deadline)
     raise InvalidProblem(
         f"`solver` must be one of {sorted({'osqp', *qpsolvers.available_solvers})}. Got {solver!r}."
     )
@@ -199,8 +215,8 @@ class OsqpSolver:
             "max_iter": max_iterations,
             "time_limit": deadline,
             # A multiple of the checks, never the clock: same input, same iterations.
-            "adaptive_rho_interval": 45,
-            "check_termination": 15,
+            "adaptive_rho_interval": 50,
+            "check_termination": 10,
             "polishing": False,
             "verbose": False,
         }
@@ -246,10 +262,16 @@ class QpsolversSolver:
         name: One of `qpsolvers.available_solvers`.
         weights: Diagonal of `P`.
         pattern: `A` with its entries.
+        deadline: Time limit, for solvers that have one [s].
     """
 
-    def __init__(self, name: str, weights: Array, pattern: sparse.csc_matrix) -> None:
+    def __init__(
+        self, name: str, weights: Array, pattern: sparse.csc_matrix, deadline: float
+    ) -> None:
         self._name = name
+        self._options: dict[str, Any] = dict(_ITERATIONS.get(name, {}))
+        if name in _TIME_LIMITS:
+            self._options[_TIME_LIMITS[name]] = deadline
         self._matrix = pattern.copy()
         self._hessian: Any = np.diag(weights)
         self._is_sparse = name in qpsolvers.sparse_solvers and name not in qpsolvers.dense_solvers
@@ -268,7 +290,7 @@ class QpsolversSolver:
         bound = np.concatenate([upper[above], -lower[below]])
         try:
             problem = qpsolvers.Problem(self._hessian, q, inequality, bound)
-            solution = qpsolvers.solve_problem(problem, solver=self._name)
+            solution = qpsolvers.solve_problem(problem, self._name, **self._options)
         except FAILURES as error:
             return None, f"{self._name} failed: {type(error).__name__}: {error}"
         if solution.x is None or not np.isfinite(solution.x).all():
@@ -304,25 +326,12 @@ class DeadlineSolver:
     def __init__(self, solver: QPSolver, deadline: float) -> None:
         self._solver = solver
         self._deadline = deadline
-        self._problems: queue.SimpleQueue[tuple[Any, ...]] = queue.SimpleQueue()
+        self._problems: _Problems = queue.SimpleQueue()
         self._answers: queue.SimpleQueue[Answer] = queue.SimpleQueue()
-        self._late = self._working = False
-
-    def _work(self) -> None:
-        while True:
-            problem = self._problems.get()
-            # What is not among the failures ends this thread, never the caller's loop.
-            answer: Answer = None, "the solver failed with an exception of its own"
-            working = False
-            try:
-                answer = _checked(self._solver.solve(*problem), problem[0].shape)
-                working = True
-            except FAILURES as error:
-                answer = None, f"the solver failed: {type(error).__name__}: {error}"
-                working = True
-            finally:
-                self._working = working
-                self._answers.put(answer)
+        self._working = threading.Event()
+        self._late = False
+        # The thread knows the queues, not this object, so that it can end with it.
+        weakref.finalize(self, self._problems.put, None)
 
     def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
         """Hand the problem over and wait for the answer, at most until the deadline."""
@@ -330,9 +339,8 @@ class DeadlineSolver:
             if self._late:
                 self._answers.get_nowait()
                 self._late = False
-            if not self._working:
-                self._working = True
-                threading.Thread(target=self._work, daemon=True).start()
+            if not self._working.is_set():
+                self._start()
             # Copies: a late solver must not read what the next problem writes.
             entries = None if matrix is None else matrix.copy()
             self._problems.put((q.copy(), lower.copy(), upper.copy(), entries))
@@ -340,3 +348,34 @@ class DeadlineSolver:
         except queue.Empty:
             self._late = True
             return None, f"the solver ran past its deadline of {self._deadline:g} s"
+        except RuntimeError as error:
+            return None, f"the solver has no thread: {error}"
+
+    def _start(self) -> None:
+        """Start a thread; the flag says whether it still waits for problems."""
+        arguments = (self._solver, self._problems, self._answers, self._working)
+        threading.Thread(target=_serve, args=arguments, daemon=True).start()
+        self._working.set()
+
+
+def _serve(
+    solver: QPSolver,
+    problems: "_Problems",
+    answers: "queue.SimpleQueue[Answer]",
+    working: threading.Event,
+) -> None:
+    """Answer problems until there is a None among them."""
+    while (problem := problems.get()) is not None:
+        # What is not among the failures ends this thread, never the caller's loop.
+        answer: Answer = None, "the solver failed with an exception of its own"
+        survived = False
+        try:
+            answer = _checked(solver.solve(*problem), problem[0].shape)
+            survived = True
+        except FAILURES as error:
+            answer = None, f"the solver failed: {type(error).__name__}: {error}"
+            survived = True
+        finally:
+            if not survived:
+                working.clear()
+            answers.put(answer)

@@ -51,6 +51,8 @@ def plot_growth(path: Path, times: Mapping[str, Mapping[str, float]]) -> None:
     for axis, (name, label) in zip(axes, labels.items(), strict=True):
         points = sorted((int(key), value) for key, value in times[name].items())
         axis.loglog([x for x, _ in points], [y for _, y in points], "o-")
+        axis.set_xticks([x for x, _ in points], [str(x) for x, _ in points])
+        axis.minorticks_off()
         axis.set_xlabel(label)
         axis.set_ylabel("time of one call [ms]")
         axis.grid(True, which="both", alpha=0.3)

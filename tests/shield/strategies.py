@@ -39,7 +39,7 @@ def projector(limits: ActuatorLimits, horizon: int) -> HorizonProjector:
 @lru_cache(maxsize=64)
 def safety_filter(limits: ActuatorLimits) -> SafetyFilter:
     """Return a filter, built once; tests reset it."""
-    return SafetyFilter(limits)
+    return SafetyFilter(limits, deadline=2.0)
 
 
 def _positive(low: float, high: float) -> st.SearchStrategy[float]:

@@ -63,7 +63,7 @@ def test_every_solver_by_name_gives_the_same_projection(
 ) -> None:
     """The answer does not depend on who finds the active bounds."""
     pytest.importorskip("proxsuite" if solver == "proxqp" else solver)
-    other, ours = HorizonProjector(limits, 8, solver=solver), projector(limits, 8)
+    other, ours = HorizonProjector(limits, 8, solver=solver, deadline=2.0), projector(limits, 8)
     draw = bending_problems if limits is CITY else random_problems
     for nominal, previous in zip(*draw(limits, 8, 20, rng), strict=True):
         one, two = ours.project(nominal, previous), other.project(nominal, previous)

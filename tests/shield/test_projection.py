@@ -84,7 +84,7 @@ def test_each_bound_is_broken_without_the_shield_and_holds_with_it(name: str) ->
     """The same wish, executed raw and projected."""
     limits, nominal, previous, kind = EXAMPLES[name]
     assert any(item.startswith(kind) for item in broken_bounds(limits, nominal, previous))
-    got = HorizonProjector(limits, 1).project(nominal, previous)
+    got = projector(limits, 1).project(nominal, previous)
     assert got.status is Status.PROJECTED
     assert not [item for item in broken_bounds(limits, got.actions, previous) if kind in item]
 
@@ -143,9 +143,9 @@ def test_what_could_not_be_verified_is_not_called_the_nearest(
 ) -> None:
     """Where the lateral bound binds, only a horizon whose KKT conditions hold is `projected`."""
     bend, previous = np.tile([0.3, 10.0], (8, 1)), np.array([0.1, 10.0])
-    assert HorizonProjector(CITY, 8).project(bend, previous).status is Status.PROJECTED
+    assert projector(CITY, 8).project(bend, previous).status is Status.PROJECTED
     monkeypatch.setattr(LateralNewton, "refine", lambda *_: None)
-    got = HorizonProjector(CITY, 8).project(bend, previous)
+    got = projector(CITY, 8).project(bend, previous)
     assert got.status is Status.REPAIRED
     assert got.reason == "the optimum could not be verified"
     assert broken_bounds(CITY, got.actions, previous) == []
@@ -242,11 +242,11 @@ def test_impossible_arguments_raise(arguments: dict[str, Any], name: str) -> Non
 def test_the_result_does_not_depend_on_earlier_calls() -> None:
     """A warm solver finds the same optimum as a cold one."""
     rng = np.random.default_rng(2)
-    warm = HorizonProjector(CITY, 8)
+    warm = HorizonProjector(CITY, 8, deadline=2.0)
     for _ in range(30):
         nominal = rng.uniform([-0.6, -1.0], [0.6, 14.0], (8, 2))
         previous = np.array([0.02, rng.uniform(0.0, 12.0)])
-        cold = HorizonProjector(CITY, 8).project(nominal, previous)
+        cold = HorizonProjector(CITY, 8, deadline=2.0).project(nominal, previous)
         assert warm.project(nominal, previous).actions == pytest.approx(cold.actions, abs=1e-7)
 
 
@@ -254,13 +254,17 @@ def test_weights_decide_whether_a_bend_costs_steering_or_speed() -> None:
     """Where the lateral bound binds, a dear channel moves less; elsewhere weights do nothing."""
     nominal = np.array([10.0, 0.0])[::-1] + np.tile([0.3, 0.0], (8, 1))
     previous = [0.1, 10.0]
-    dear_steering = HorizonProjector(CITY, 8, weights=(1e4, 1.0)).project(nominal, previous)
-    dear_speed = HorizonProjector(CITY, 8, weights=(1.0, 1e4)).project(nominal, previous)
+    dear_steering = HorizonProjector(CITY, 8, weights=(1e4, 1.0), deadline=2.0).project(
+        nominal, previous
+    )
+    dear_speed = HorizonProjector(CITY, 8, weights=(1.0, 1e4), deadline=2.0).project(
+        nominal, previous
+    )
     assert dear_steering.actions[-1, 0] > dear_speed.actions[-1, 0] + 0.05
     assert dear_steering.actions[-1, 1] < dear_speed.actions[-1, 1] - 1.0
     plain = replace(CITY, max_lateral_acceleration=None)
-    one = HorizonProjector(plain, 8).project(nominal, previous)
-    two = HorizonProjector(plain, 8, weights=(1e4, 1.0)).project(nominal, previous)
+    one = projector(plain, 8).project(nominal, previous)
+    two = HorizonProjector(plain, 8, weights=(1e4, 1.0), deadline=2.0).project(nominal, previous)
     assert one.actions == pytest.approx(two.actions, abs=1e-9)
 
 
@@ -268,7 +272,7 @@ def test_weights_decide_whether_a_bend_costs_steering_or_speed() -> None:
 def test_any_horizon_length_works(horizon: int, rng: np.random.Generator) -> None:
     """From one step to more than six seconds."""
     nominal = rng.uniform([-0.6, -1.0], [0.6, 14.0], (horizon, 2))
-    got = HorizonProjector(CITY, horizon).project(nominal, GENTLE)
+    got = projector(CITY, horizon).project(nominal, GENTLE)
     assert broken_bounds(CITY, got.actions, GENTLE) == []
 
 

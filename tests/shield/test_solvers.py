@@ -1,8 +1,10 @@
 """G4 when the solver fails: every kind of failure ends in an admissible horizon."""
 
+import gc
 import threading
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
@@ -17,6 +19,8 @@ from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
 
 PREVIOUS = np.array([0.08, 9.0])
+# Of tests that are not about deadlines: so long that a busy machine does not decide.
+PATIENT = 5.0
 WISH = np.column_stack([np.linspace(0.1, 0.5, 8), np.linspace(9.0, 13.0, 8)])
 
 
@@ -50,7 +54,9 @@ def _raise(error: Exception) -> Any:
 @pytest.mark.parametrize("limits", [CITY, LINEAR], ids=["lateral", "linear"])
 def test_a_raising_solver_leads_to_the_fallback(kind: type[Exception], limits: Any) -> None:
     """Whatever it raises, its own exception included."""
-    target = HorizonProjector(limits, 8, solver=Scripted(lambda q: _raise(kind("boom"))))
+    target = HorizonProjector(
+        limits, 8, solver=Scripted(lambda q: _raise(kind("boom"))), deadline=PATIENT
+    )
     got = target.project(WISH, PREVIOUS)
     assert broken_bounds(limits, got.actions, PREVIOUS) == []
     assert got.status is Status.FALLBACK
@@ -72,7 +78,9 @@ def test_a_raising_solver_leads_to_the_fallback(kind: type[Exception], limits: A
 def test_a_lying_solver_is_not_believed(answer: Callable[[Array], Answer]) -> None:
     """Garbage labelled as solved does not reach the actuators, and the status tells."""
     for limits in (CITY, LINEAR):
-        got = HorizonProjector(limits, 8, solver=Scripted(answer)).project(WISH, PREVIOUS)
+        got = HorizonProjector(limits, 8, solver=Scripted(answer), deadline=PATIENT).project(
+            WISH, PREVIOUS
+        )
         assert broken_bounds(limits, got.actions, PREVIOUS) == []
         assert got.status in (Status.REPAIRED, Status.FALLBACK), limits
         assert got.reason
@@ -85,7 +93,7 @@ def test_a_lying_solver_is_not_believed(answer: Callable[[Array], Answer]) -> No
 )
 def test_an_answer_of_the_wrong_type_is_none(answer: Any) -> None:
     """A solver that breaks its contract costs the optimum, not the loop."""
-    target = HorizonProjector(CITY, 8, solver=Scripted(lambda _: answer))
+    target = HorizonProjector(CITY, 8, solver=Scripted(lambda _: answer), deadline=PATIENT)
     got = target.project(WISH, PREVIOUS)
     assert_safe(got)
     assert "answer" in got.reason
@@ -102,7 +110,7 @@ def test_an_exception_nobody_knows_ends_a_thread_and_not_the_loop(
     ended: list[Any] = []
     monkeypatch.setattr(threading, "excepthook", ended.append)
     script: list[Callable[[Array], Answer]] = [lambda _: _raise(Surprise("!"))]
-    target = HorizonProjector(LINEAR, 8, solver=Scripted(lambda q: script[0](q)))
+    target = HorizonProjector(LINEAR, 8, solver=Scripted(lambda q: script[0](q)), deadline=PATIENT)
     for _ in range(3):
         got = target.project(WISH, PREVIOUS)
         assert broken_bounds(LINEAR, got.actions, PREVIOUS) == []
@@ -157,6 +165,44 @@ def test_a_slow_solver_is_left_behind_at_the_deadline() -> None:
     assert "deadline" not in target.project(WISH, PREVIOUS).reason
 
 
+def test_the_thread_of_a_solver_ends_with_its_projector() -> None:
+    """Projectors that come and go leave no threads behind."""
+    before = threading.active_count()
+    for _ in range(20):
+        target = HorizonProjector(CITY, 8, solver=Scripted(lambda q: (-q, "")), deadline=PATIENT)
+        assert_safe(target.project(WISH, PREVIOUS))
+    del target
+    gc.collect()
+    end = time.perf_counter() + PATIENT
+    while threading.active_count() > before and time.perf_counter() < end:
+        time.sleep(0.01)
+    assert threading.active_count() <= before
+
+
+def test_a_system_without_threads_does_not_end_the_loop(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What cannot be watched is not run, and the loop goes on."""
+    target = HorizonProjector(CITY, 8, solver=Scripted(lambda q: (-q, "")), deadline=PATIENT)
+    with monkeypatch.context() as patch:
+        patch.setattr(threading.Thread, "start", lambda _: _raise(RuntimeError("no more")))
+        got = target.project(WISH, PREVIOUS)
+        assert_safe(got)
+        assert "no thread" in got.reason
+    assert "no thread" not in target.project(WISH, PREVIOUS).reason
+
+
+def test_proxqp_gives_up_on_problems_that_it_would_work_on_for_seconds() -> None:
+    """It holds Python's lock, so nobody else could stop it."""
+    pytest.importorskip("proxsuite")
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        limits = replace(LINEAR, dt=1e-3, max_steering_rate=10.0 ** rng.uniform(-9.0, -6.0))
+        target = HorizonProjector(limits, 16, solver="proxqp", deadline=PATIENT)
+        begin = time.process_time()
+        got = target.project(rng.normal(0.0, 1e3, (16, 2)), [0.0, 5.0])
+        assert time.process_time() - begin < 0.5
+        assert broken_bounds(limits, got.actions, np.array([0.0, 5.0])) == []
+
+
 def test_osqp_stops_at_a_deadline_of_a_microsecond() -> None:
     """OSQP watches its own time; what it leaves is repaired and reported."""
     target = HorizonProjector(CITY, 64, deadline=1e-6)
@@ -169,7 +215,7 @@ def test_osqp_stops_at_a_deadline_of_a_microsecond() -> None:
 
 def test_a_failing_osqp_costs_one_call(monkeypatch: pytest.MonkeyPatch) -> None:
     """Broken from outside it leads to the fallback; once mended, all is as before."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     healthy = target.project(WISH, PREVIOUS)
     with monkeypatch.context() as patch:
         patch.setattr(osqp.OSQP, "solve", lambda *_, **__: _raise(RuntimeError("killed")))
@@ -189,7 +235,7 @@ def test_an_osqp_that_does_not_finish_is_reported(
     status: str, x: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Interrupted, out of iterations, without an iterate, with one of the wrong shape."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     result = SimpleNamespace(x=x, info=SimpleNamespace(status=status))
     monkeypatch.setattr(osqp.OSQP, "solve", lambda *_, **__: result)
     assert_safe(target.project(WISH, PREVIOUS))
@@ -199,7 +245,7 @@ def test_an_osqp_that_cannot_be_rebuilt_does_not_end_the_loop(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Even `setup` may fail, call after call."""
-    target = HorizonProjector(CITY, 8)
+    target = HorizonProjector(CITY, 8, deadline=PATIENT)
     monkeypatch.setattr(osqp.OSQP, "solve", lambda *_, **__: _raise(ValueError("broken")))
     monkeypatch.setattr(osqp.OSQP, "setup", lambda *_, **__: _raise(MemoryError("none left")))
     for _ in range(3):
