@@ -117,7 +117,6 @@ class Eye:
         seen = (down > 1e-6)[:, None] & (points[..., 0] > NEAR) & (points[..., 0] < FAR)
         return points, seen
 
-
     def blur(self, x: Array) -> Array:
         """Sideways uncertainty of ground points `x` [m] ahead of the rear axle, of a pixel [m]."""
         focal = 0.5 * self.size / math.tan(math.radians(0.5 * self.field_of_view))
