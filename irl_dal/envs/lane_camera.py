@@ -282,7 +282,7 @@ class LaneCamera:
             weight = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 / sigma**2
             weight *= s > -1.0
             weighted = weight[:, None] * jacobian
-            inverse: Array = np.linalg.inv(jacobian.T @ weighted + np.diag(prior))
+            inverse = np.linalg.inv(jacobian.T @ weighted + np.diag(prior))
             x = x - inverse @ (residual @ weighted + prior * (x - centre))
             x[2:] = np.clip(x[2:], (-0.12, -0.01), (0.12, 0.01))
         support = int((np.abs(residual) < 3.0 * sigma + 0.1).sum())
