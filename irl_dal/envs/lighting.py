@@ -30,7 +30,7 @@ def daylight(brightness: float, azimuth: float) -> Illumination:
             float(np.sin(elevation)),
         ),
         colour=(r, g, b),
-        ambient=0.22 + 0.33 * brightness,
+        ambient=0.30 + 0.25 * brightness,
         diffuse=0.45,
         sky=_mix((0.05, 0.06, 0.13), (0.56, 0.75, 0.93), brightness),
         brightness=brightness,

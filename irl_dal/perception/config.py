@@ -22,6 +22,8 @@ class PerceptionConfig:
         normalisation: What Eq. mask_norm divides by: `bounded` the largest weight that the mask
             can have, `printed` the mask's own maximum, which cancels both learned factors.
         initial_alpha: First value of alpha_speed and alpha_lidar (Table II).
+        exposure: Whether the image is brought to one brightness before it is encoded, as a camera's
+            automatic exposure does (not in the paper).
         fuse_speed: Whether the normalised speed K_t also enters the fusion. The paper shows it to
             the policy only through the mask.
 
@@ -35,6 +37,7 @@ class PerceptionConfig:
     adaptive_mask: bool = True
     normalisation: MaskNormalisation = "bounded"
     initial_alpha: float = 0.5
+    exposure: bool = True
     fuse_speed: bool = True
 
     def __post_init__(self) -> None:

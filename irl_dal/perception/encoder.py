@@ -20,6 +20,9 @@ LIDAR_FEATURES = 32
 CONVOLUTION_CHANNELS = (16, 32, 32)
 """Output channels of the three layers. The paper gives kernels and strides only."""
 
+EXPOSURE, DARKNESS = 0.3, 0.01
+"""Mean brightness after exposure, and the one below which nothing is amplified any more."""
+
 FUSION_WIDTH = 256
 """Hidden units of the fusion: half the arithmetic of going from z_vision to 512 at once."""
 
@@ -48,6 +51,21 @@ def channels_first(image: Tensor) -> Tensor:
     if image.dtype != torch.uint8:
         raise ValueError(f"`image` must be uint8 or floating point. Got {image.dtype}.")
     return image.to(torch.get_default_dtype()) / 255.0
+
+
+def exposed(image: Tensor) -> Tensor:
+    """Bring images to one brightness, that of the road: the mean of the lower half.
+
+    Dark evenings then look like days with more noise, and what is learnt by day serves at night.
+
+    Args:
+        image: (B, 3, height, width) in [0, 1].
+
+    Returns:
+        The same shape; the lower half of each image has the mean `EXPOSURE`.
+    """
+    level = image[:, :, image.shape[2] // 2 :].mean(dim=(1, 2, 3), keepdim=True)
+    return image * (EXPOSURE / (level + DARKNESS))
 
 
 class ImageEncoder(nn.Module):
@@ -151,6 +169,8 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         """
         lidar, speed = observations["lidar"], observations["speed"]
         image = channels_first(observations["image"])
+        if self.config.exposure:
+            image = exposed(image)
         if self.mask is not None:
             mask = self.mask(speed, lidar, rows=image.shape[2])
             image = torch.cat(

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
-from irl_dal.perception.encoder import channels_first
+from irl_dal.perception.encoder import EXPOSURE, channels_first, exposed
 
 
 def observation_space() -> spaces.Dict:
@@ -128,3 +128,17 @@ def test_ppo_learns_through_it() -> None:
     mask = model.policy.features_extractor.mask
     assert float(mask.alpha_speed.detach()) != 0.5
     assert float(mask.alpha_lidar.detach()) != 0.5
+
+
+def test_exposure_makes_evening_and_day_alike() -> None:
+    """A fifth of the light gives the same picture; without exposure the features differ more."""
+    seen = observations(2)
+    dark = {**seen, "image": 0.2 * seen["image"]}
+    assert exposed(seen["image"])[:, :, 32:].mean() == pytest.approx(EXPOSURE, rel=0.05)
+    assert torch.allclose(exposed(seen["image"]), exposed(dark["image"]), rtol=0.1)
+    changes = {}
+    for switch in (True, False):
+        torch.manual_seed(0)
+        extractor = DrivingFeaturesExtractor(observation_space(), PerceptionConfig(exposure=switch))
+        changes[switch] = float((extractor(seen) - extractor(dark)).abs().mean())
+    assert changes[True] < 0.5 * changes[False]
