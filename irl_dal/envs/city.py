@@ -351,7 +351,6 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         The lane camera needs every image: with it, `camera_on` cannot switch the camera off.
         """
         config, rng = self.config, self._noise
-        odometry = self._lane_sensor.measure(self._state, self._at, rng)
         image = np.zeros((config.image_size,) * 2 + (3,), np.uint8)
         self._scenery.show_around(self._at.s)
         if self.camera_on or config.lane_sensor == "camera":
@@ -368,7 +367,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             yaw_rate = speed * float(np.tan(self._command[0])) / self.limits.wheelbase
             self._lane = self._lane_camera.measure(observation["image"], speed, yaw_rate)
         else:
-            self._lanes.append(odometry)
+            self._lanes.append(self._lane_sensor.measure(self._state, self._at, rng))
             self._lane = self._lanes[0]
         return observation
 

@@ -92,6 +92,7 @@ class Scenery:
         self._world = world
         self._road = road
         self._pieces: dict[int, list[int]] = {}
+        self._shown: tuple[int, int] | None = None
         self._plants: dict[int, list[Plant]] = {}
         self._plan(rng)
 
@@ -99,6 +100,9 @@ class Scenery:
         """Draw the pieces from 15 m behind `s` [m] to 75 m ahead and take the others away."""
         first = int(np.floor((s - BEHIND) / PIECE))
         last = int(np.floor((s + AHEAD) / PIECE))
+        if (first, last) == self._shown:
+            return
+        self._shown = (first, last)
         for piece in [p for p in self._pieces if not first <= p <= last]:
             for body in self._pieces.pop(piece):
                 self._world.remove(body)

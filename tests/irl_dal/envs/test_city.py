@@ -92,11 +92,11 @@ def test_driving_into_the_first_obstacle_is_a_collision(env: CityEnv) -> None:
     from expert.lateral import LateralConfig, steer
 
     _, info = env.reset(seed=3)
-    collided = False
+    collided, steering = False, 0.0
     for _ in range(400):
         lane = info["lane_measurement"]
         if lane is not None:
-            steering = steer(LateralConfig(), lane, 0.0, 0.0, info["speed"], 2.7)
+            steering = steer(LateralConfig(), lane, 0.0, 0.0, info["speed"], steering, env.limits)
         _, _, terminated, _, info = env.execute(np.array([steering, 6.0]))
         if terminated:
             collided = info["collision"]
