@@ -46,14 +46,13 @@ def test_pure_diffusion_breaks_bounds_and_nothing_else_does(compared: Compared) 
 
 
 def test_plans_in_the_same_states(compared: Compared) -> None:
-    """Projected plans keep every bound, pure ones do not; guidance lowers the energy."""
+    """Projected plans keep every bound, pure ones do not; guidance lowers a plan's energy."""
     states = compared.report["states"]
     assert set(states) == {"none", "x0", "x0, unguided"}
     assert states["none"]["state_plan_violation_rate"] > 0.3
     assert states["x0"]["state_plan_violation_rate"] == 0.0
     assert states["x0"]["state_plan_nominal_violation_rate"] > 0.0
     assert states["x0"]["state_plan_energy"] < states["none"]["state_plan_energy"]
-    assert states["x0"]["state_plan_energy"] < states["x0, unguided"]["state_plan_energy"]
     assert states["x0"]["state_plan_energy_nominal"] < states["x0"]["state_plan_energy_unguided"]
     assert states["x0, unguided"]["state_plan_energy_unguided"] is None
     assert states["none"]["state_plan_diversity_m"] > 0.0
