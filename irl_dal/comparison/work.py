@@ -27,7 +27,15 @@ from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_step
 from irl_dal.loop import Observation
 from irl_dal.planner import DiffusionPlanner, PlanningContext
 
-__all__ = ["Subject", "arm_bench", "arm_planner", "drive_arm", "plan_in_states", "risky_contexts"]
+__all__ = [
+    "Subject",
+    "arm_bench",
+    "arm_planner",
+    "drive_arm",
+    "plan_in_states",
+    "plan_log",
+    "risky_contexts",
+]
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,12 @@ import pytest
 from irl_dal.comparison import suite
 from irl_dal.comparison.arms import Arm, arms_of
 from irl_dal.comparison.suite import compare
-from irl_dal.comparison.work import arm_bench
+from irl_dal.comparison.work import arm_bench, arm_planner, plan_log, risky_contexts
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.bench import Bench
 from irl_dal.evaluation.measurements import Measurements
 from irl_dal.evaluation.metrics import compute_metrics
+from irl_dal.planner import ProjectionMode
 
 from .conftest import Compared
 from .tiny import TINY, tiny_subject
@@ -56,6 +57,25 @@ def test_plans_in_the_same_states(compared: Compared) -> None:
     assert states["x0"]["state_plan_energy_nominal"] < states["x0"]["state_plan_energy_unguided"]
     assert states["x0, unguided"]["state_plan_energy_unguided"] is None
     assert states["none"]["state_plan_diversity_m"] > 0.0
+
+
+@pytest.mark.parametrize("projection", ["none", "x0"])
+def test_guided_plans_have_less_energy_in_logged_risky_states(
+    compared: Compared, projection: ProjectionMode
+) -> None:
+    """In the risky states of two drives of the expert, with the same noise, one plan in each."""
+    arms = [Arm("trigger", projection, True, guided=guided) for guided in (True, False)]
+    logs = []
+    with arm_bench(compared.subject, arms[0]) as bench:
+        contexts = [list(risky_contexts(bench, seed)[1].values()) for seed in TINY.seeds]
+    for arm in arms:
+        planner = arm_planner(compared.subject, arm, 1)
+        energies = [plan_log(planner, group, 0).energy[:, 2] for group in contexts]
+        logs.append(np.concatenate(energies))
+    guided, unguided = logs
+    assert len(guided) >= 10
+    assert guided.mean() < unguided.mean()
+    assert (guided < unguided).mean() > 0.5
 
 
 def test_numbers_are_those_of_an_evaluation(compared: Compared) -> None:
