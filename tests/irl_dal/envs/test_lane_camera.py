@@ -62,7 +62,8 @@ def test_noise_is_no_lane() -> None:
     rng = np.random.default_rng(0)
     for _ in range(50):
         camera = LaneCamera(EYE, 0.1)
-        camera.measure(rng.integers(0, 255, (64, 64, 3)).astype(np.uint8), 5.0, 0.0)
+        image = rng.integers(0, 255, (64, 64, 3)).astype(np.uint8)
+        assert camera.measure(image, 5.0, 0.0) is None
 
 
 def test_a_frozen_image_gives_nothing() -> None:
