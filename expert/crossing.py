@@ -1,21 +1,15 @@
 """Who crosses the road: narrow things that the LiDAR sees move, or standing where no barrel stands.
 
-Clusters of the scan are followed in an odometry frame, which does not jump with the lane estimate.
+`shield.ClusterTracker` follows them in a frame that does not jump with the lane estimate.
 """
 
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Sequence
-from dataclasses import dataclass, field
-
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
 
 from expert.lane_map import LIDAR_FORWARD, LaneMap
-
-Array = NDArray[np.float64]
+from shield import ClusterTracker, Track
 
 _FASTEST, _CAR = 1.5, 6.0  # m/s of a walker, m from the bumper to behind the car with a margin
 
@@ -59,13 +53,11 @@ class CrossingConfig:
 
 
 @dataclass(slots=True)
-class _Follow:
-    """A cluster that is being followed, in the odometry frame."""
+class _Judgement:
+    """What is thought of a track so far."""
 
-    places: deque[tuple[float, float]]
     person: bool = False
     way: float = 0.0
-    lost: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -97,24 +89,29 @@ class Pedestrian:
         return arrives < (self.s + _CAR) / max(speed, 3.0)
 
 
-@dataclass(slots=True)
 class CrossingWatch:
-    """Follows narrow clusters from scan to scan.
+    """Tells who crosses from narrow clusters that are followed from scan to scan.
 
-    Attributes:
+    Args:
         config: What counts as a pedestrian.
         dt: Time between two scans [s].
     """
 
-    config: CrossingConfig
-    dt: float
-    _pose: Array = field(default_factory=lambda: np.zeros(3))
-    _follows: list[_Follow] = field(default_factory=list)
+    def __init__(self, config: CrossingConfig, dt: float) -> None:
+        self.config = config
+        self._tracker = ClusterTracker(
+            dt,
+            LIDAR_FORWARD,
+            width=config.width,
+            separation=config.separation,
+            memory=config.memory,
+        )
+        self.reset()
 
     def reset(self) -> None:
         """Forget the episode."""
-        self._pose = np.zeros(3)
-        self._follows = []
+        self._tracker.reset()
+        self._judgements: dict[int, _Judgement] = {}
 
     def update(self, lanes: LaneMap, speed: float, yaw_rate: float) -> list[Pedestrian]:
         """Take a scan; pedestrians on the own direction's lanes and their edges.
@@ -124,88 +121,35 @@ class CrossingWatch:
             speed: Since the last scan [m/s].
             yaw_rate: Since the last scan [rad/s].
         """
-        x, y, yaw = self._pose
-        middle = yaw + 0.5 * yaw_rate * self.dt
-        self._pose = np.array(
-            [
-                x + speed * self.dt * math.cos(middle),
-                y + speed * self.dt * math.sin(middle),
-                yaw + yaw_rate * self.dt,
-            ]
-        )
-        people = []
-        for follow in self._follows:
-            follow.lost += 1
-        for s, d, point in self._narrow(lanes):
-            follow = self._matching(self._world(point))
-            self._judge(follow, s, d, lanes)
-            if follow.person and self.config.right < d < self.config.left and s > -1.0:
-                people.append(Pedestrian(s, d, follow.way))
-        self._follows = [follow for follow in self._follows if follow.lost <= 3]
-        return people
-
-    def _narrow(self, lanes: LaneMap) -> list[tuple[float, float, Array]]:
-        """Narrow clusters near the road: s, d and the point (2,) in the LiDAR's frame."""
-        config, points = self.config, lanes.points
-        if not len(points):
-            return []
-        jumps = np.linalg.norm(np.diff(points, axis=0), axis=1) > config.separation
-        bounds = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(points)]])
-        found = []
-        for low, high in zip(bounds[:-1], bounds[1:], strict=True):
-            s, d = float(lanes.s[low:high].mean()), float(lanes.d[low:high].mean())
+        config, people = self.config, []
+        for track in self._tracker.update(lanes.points, speed, yaw_rate):
+            rows = slice(track.first, track.last + 1)
+            s, d = float(lanes.s[rows].mean()), float(lanes.d[rows].mean())
             if not (-1.0 < s < config.reach and config.right - 2.0 < d < config.left + 2.0):
                 continue
-            if math.dist(points[low], points[high - 1]) < config.width:
-                found.append((s, d, points[low:high].mean(axis=0)))
-        return found
+            judgement = self._judgements.setdefault(track.number, _Judgement())
+            self._judge(judgement, track, (s, d), lanes.heading_at(s))
+            if judgement.person and config.right < d < config.left:
+                people.append(Pedestrian(s, d, judgement.way))
+        return people
 
-    def _world(self, point: Array) -> tuple[float, float]:
-        x, y, yaw = self._pose
-        ahead, left = float(point[0]) + LIDAR_FORWARD, float(point[1])
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        return float(x + cos * ahead - sin * left), float(y + sin * ahead + cos * left)
-
-    def _matching(self, place: tuple[float, float]) -> _Follow:
-        """The cluster that was near this place before, or a new one."""
-        near = [f for f in self._follows if f.lost and math.dist(f.places[-1], place) < 0.9]
-        if not near:
-            follow = _Follow(deque(maxlen=self.config.memory))
-            self._follows.append(follow)
-        else:
-            follow = min(near, key=lambda f: math.dist(f.places[-1], place))
-        follow.places.append(place)
-        follow.lost = 0
-        return follow
-
-    def _judge(self, follow: _Follow, s: float, d: float, lanes: LaneMap) -> None:
-        """Decide whether a cluster is somebody who crosses, and which way he goes."""
-        config = self.config
-        yaw = float(self._pose[2])
-        heading = yaw + lanes.heading_at(s)
-        sideways, along = _velocity(follow.places, heading, self.dt)
-        if len(follow.places) == config.memory and abs(along) < 1.5:
+    def _judge(
+        self, judgement: _Judgement, track: Track, place: tuple[float, float], heading: float
+    ) -> None:
+        """Decide whether a track is somebody who crosses, and which way he goes."""
+        config, (s, d) = self.config, place
+        forward, left = track.velocity.tolist()
+        sideways = math.cos(heading) * left - math.sin(heading) * forward
+        along = math.cos(heading) * forward + math.sin(heading) * left
+        if track.sightings == config.memory and abs(along) < 1.5:
             if config.speed < abs(sideways) < 2.5:
-                follow.person = True
+                judgement.person = True
             if abs(sideways) > 0.5 * config.speed:
-                follow.way = math.copysign(1.0, sideways)
+                judgement.way = math.copysign(1.0, sideways)
             else:
-                follow.person = False
+                judgement.person = False
         margin = config.aside + config.aside_growth * max(s, 0.0)
-        if len(follow.places) >= 3 and abs(d) > margin and config.right < d < config.left:
-            follow.person = True
-        if follow.way == 0.0:
-            follow.way = 1.0 if d < 0.0 else -1.0
-
-
-def _velocity(
-    places: Sequence[tuple[float, float]], heading: float, dt: float
-) -> tuple[float, float]:
-    """Speed to the left of and along a direction, the slope of the places over time [m/s]."""
-    count = len(places)
-    if count < 2:
-        return 0.0, 0.0
-    time = dt * (np.arange(count) - 0.5 * (count - 1))
-    slope = time @ np.array(places) / float(time @ time)
-    cos, sin = math.cos(heading), math.sin(heading)
-    return float(cos * slope[1] - sin * slope[0]), float(cos * slope[0] + sin * slope[1])
+        if track.sightings >= 3 and abs(d) > margin and config.right < d < config.left:
+            judgement.person = True
+        if judgement.way == 0.0:
+            judgement.way = 1.0 if d < 0.0 else -1.0

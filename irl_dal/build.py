@@ -72,7 +72,8 @@ def build_loop(
     """The city, the expert and the control loop around them."""
     city = CityEnv(config.env, config.limits, render_mode)
     expert = FSMExpert(config.expert, config.limits)
-    return ControlLoop(city, expert, watch, config.shield.trigger)
+    shield = config.shield
+    return ControlLoop(city, expert, watch, shield.trigger, shield.stopping)
 
 
 def load_run(

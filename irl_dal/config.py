@@ -27,7 +27,7 @@ from irl_dal.learning import LearningConfig
 from irl_dal.loop import Activation
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
-from shield import ActuatorLimits, TriggerConfig
+from shield import ActuatorLimits, StoppingConfig, TriggerConfig
 
 __all__ = [
     "ConfigError",
@@ -53,11 +53,13 @@ class ShieldConfig:
     Attributes:
         enabled: Whether it stands between the commands and the actuators. Off for comparisons only.
         solver: Solver of its projections.
+        stopping: Bound of the speed by the free path ahead.
         trigger: When a state is risky enough to ask the planner.
     """
 
     enabled: bool = True
     solver: str = "osqp"
+    stopping: StoppingConfig = field(default_factory=StoppingConfig)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
 
 

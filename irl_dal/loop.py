@@ -14,6 +14,7 @@ The shield is always there and always last, whatever the source of the command.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -31,6 +32,8 @@ from shield import (
     LaneTracker,
     RiskTrigger,
     SafetyFilter,
+    StoppingBarrier,
+    StoppingConfig,
     TriggerConfig,
 )
 
@@ -84,6 +87,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     | previous_command, executed_command, executed_action | what the actuators had and got |
     | triggered, plan, blend_weight | what the planner did in this step |
     | certificate | what the shield says of this step (None without a shield) |
+    | max_speed | bound of the free path ahead on this step's speed [m/s], infinite without one |
     | nominal_violations | per source, whether its command broke a bound before the shield |
 
     Args:
@@ -91,6 +95,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         expert: Labels every state.
         supervision: Who watches over the nominal action.
         trigger: When a state is risky.
+        stopping: How the free path ahead bounds the shield's speed; None for the limits alone.
     """
 
     def __init__(
@@ -99,6 +104,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         expert: FSMExpert,
         supervision: Supervision,
         trigger: TriggerConfig,
+        stopping: StoppingConfig | None = None,
     ) -> None:
         super().__init__(env)
         city = env.unwrapped
@@ -111,6 +117,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._clearance = ClearanceTracker(self.limits.dt, max_range=city.config.lidar_range)
         self._lane = LaneTracker(self.limits.dt)
         self._trigger = RiskTrigger(trigger, self.limits.dt)
+        self._stopping: StoppingBarrier | None = None
+        if stopping is not None and stopping.enabled:
+            self._stopping = StoppingBarrier(stopping, self.limits)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -126,6 +135,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             watch.blend.reset()
         if watch.safety_filter is not None:
             watch.safety_filter.reset(self._previous)
+        if self._stopping is not None:
+            self._stopping.reset()
         info.update(self._assess(observation, info))
         return observation, info
 
@@ -184,10 +195,12 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     ) -> tuple[Observation, float, bool, bool, Info]:
         """Shield the command, drive it and assess what comes of it."""
         certificate: Certificate | None = None
-        executed = command
-        if self.supervision.safety_filter is not None:
-            certificate = self.supervision.safety_filter.filter(
-                command, plan=None if plan is None else plan.actions
+        executed, max_speed, shield = command, math.inf, self.supervision.safety_filter
+        if shield is not None:
+            if self._stopping is not None:
+                max_speed = self._stopping.max_speed(self._reachable(float(command[0])))
+            certificate = shield.filter(
+                command, plan=None if plan is None else plan.actions, max_speed=max_speed
             )
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
@@ -199,9 +212,15 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             executed_command=self._previous,
             executed_action=self.limits.to_action(self._previous),
             certificate=certificate,
+            max_speed=max_speed,
         )
         info.update(self._assess(observation, info))
         return observation, reward, terminated, truncated, info
+
+    def _reachable(self, steering: float) -> float:
+        """The steering angle that one step brings it to [rad]."""
+        last, step = float(self._previous[0]), self.limits.steering_step
+        return min(max(steering, last - step), last + step)
 
     def _assess(self, observation: Observation, info: Info) -> Info:
         """Estimate, weigh the risk and ask the expert, all from sensors."""
@@ -210,6 +229,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
         self._distance = self._clearance.update(scan)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
+        if self._stopping is not None:
+            self._stopping.update(scan, speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         self.city.caption = Caption(

@@ -1,7 +1,8 @@
 """A safety shield for commands (steering, speed) whose bounds hold exactly.
 
 `HorizonProjector` finds the nearest horizon within box, rate and lateral acceleration bounds;
-`SafetyFilter` guards one command at a time; the trackers and the trigger tell when to worry.
+`SafetyFilter` guards one command at a time; `StoppingBarrier`
+bounds the speed by the free path ahead; the trackers and the trigger tell when to worry.
 `shield.gym` puts the shield around an environment. The guarantees and their proofs are in the
 package's README.
 """
@@ -18,6 +19,8 @@ from shield.estimation import (
 from shield.limits import ActuatorLimits
 from shield.projection import HorizonProjector
 from shield.safety_filter import SafetyFilter
+from shield.stopping import StoppingBarrier, StoppingConfig
+from shield.tracking import ClusterTracker, Track
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
 from shield.vehicle import KinematicBicycle
 
@@ -27,6 +30,7 @@ __all__ = [
     "Certificate",
     "ClearanceEstimate",
     "ClearanceTracker",
+    "ClusterTracker",
     "HorizonProjector",
     "InvalidLimits",
     "InvalidProblem",
@@ -41,5 +45,8 @@ __all__ = [
     "SafetyFilter",
     "ShieldError",
     "Status",
+    "StoppingBarrier",
+    "StoppingConfig",
+    "Track",
     "TriggerConfig",
 ]

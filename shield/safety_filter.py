@@ -1,6 +1,8 @@
 """The last gate before the actuators: one command at a time, tied to the last one executed."""
 
+import math
 import time
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -85,13 +87,21 @@ class SafetyFilter:
         self._execute(values)
 
     @np.errstate(all="ignore")
-    def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
+    def filter(
+        self,
+        nominal: ArrayLike,
+        plan: ArrayLike | None = None,
+        *,
+        max_speed: float = math.inf,
+    ) -> Certificate:
         """Return the command to execute, and remember it as executed.
 
         Args:
             nominal: Wanted command [rad, m/s], shape (2,), any values.
             plan: The horizon that `nominal` is the beginning of [rad, m/s], shape (H, 2). Its
                 later steps are kept for the fallback.
+            max_speed: Bound of this step alone, of a `StoppingBarrier` say [m/s]. The limits come
+                first: the speed falls to it no faster than they let it. NaN counts as 0.
 
         Returns:
             The certificate; an admissible nominal passes bit by bit. A nominal that is not finite
@@ -104,7 +114,7 @@ class SafetyFilter:
         wanted = as_array("nominal", nominal, (2,)).copy()
         horizon = None if plan is None else as_horizon("plan", plan)
         if np.isfinite(wanted).all():
-            projection = self._projector.project(wanted[None, :], self._previous)
+            projection = self._project(wanted, max_speed)
         else:
             projection = self._follow_fallback(wanted)
         if horizon is not None:
@@ -122,6 +132,23 @@ class SafetyFilter:
             max_violation=projection.max_violation,
             solve_time=time.perf_counter() - begin,
             intervened=projection.status is not Status.NOMINAL,
+        )
+
+    def _project(self, wanted: NDArray[np.float64], max_speed: float) -> Projection:
+        """Return the nearest admissible command to the wanted one, slowed to `max_speed`."""
+        bound = 0.0 if math.isnan(max_speed) else max_speed
+        slowed = wanted.copy()
+        slowed[1] = min(wanted[1], max(bound, self.limits.min_speed))
+        projection = self._projector.project(slowed[None, :], self._previous)
+        if slowed[1] == wanted[1]:
+            return projection
+        correction = projection.actions - wanted
+        correction.flags.writeable = False
+        return replace(
+            projection,
+            status=Status(max(projection.status, Status.PROJECTED, key=list(Status).index)),
+            correction=correction,
+            reason=projection.reason or f"speed bounded by {slowed[1]:.2f} m/s",
         )
 
     def _follow_fallback(self, wanted: NDArray[np.float64]) -> Projection:

@@ -74,6 +74,28 @@ class ScanFilter:
             InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
                 number.
         """
+        usable = self.clean(scan, speed)
+        if usable is None:
+            return None
+        width = min(self._window, usable.size)
+        windows = np.lib.stride_tricks.sliding_window_view(usable, width)
+        kth = min(self._support, width) - 1
+        return float(np.partition(windows, kth, axis=1)[:, kth].min())
+
+    def clean(self, scan: ArrayLike, speed: float | None = None) -> Array | None:
+        """Return the ranges with `max_range` where a beam is of no use, or None.
+
+        Args:
+            scan: Ranges [m], shape (n,).
+            speed: Own speed [m/s], if known.
+
+        Returns:
+            Ranges [m], shape (n,), at most `max_range`; None when the scan is unusable.
+
+        Raises:
+            InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
+                number.
+        """
         ranges = as_array("scan", scan)
         if ranges.ndim != 1 or ranges.size == 0:
             raise InvalidProblem(f"`scan` must have shape (n,), n > 0. Got {ranges.shape}.")
@@ -84,11 +106,7 @@ class ScanFilter:
         working &= ~self._isolated(stuck)
         if dead or working.mean() < self._least_working:
             return None
-        usable = np.where(working, np.minimum(ranges, self._max_range), self._max_range)
-        width = min(self._window, usable.size)
-        windows = np.lib.stride_tricks.sliding_window_view(usable, width)
-        kth = min(self._support, width) - 1
-        return float(np.partition(windows, kth, axis=1)[:, kth].min())
+        return np.where(working, np.minimum(ranges, self._max_range), self._max_range)
 
     def _isolated(self, stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return the stuck beams with too few stuck neighbours to be an obstacle, (n,)."""
