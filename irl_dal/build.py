@@ -73,7 +73,7 @@ def build_loop(
     city = CityEnv(config.env, config.limits, render_mode)
     expert = FSMExpert(config.expert, config.limits)
     shield = config.shield
-    return ControlLoop(city, expert, watch, shield.trigger, shield.stopping)
+    return ControlLoop(city, expert, watch, shield.trigger, shield.barrier)
 
 
 def load_run(

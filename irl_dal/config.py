@@ -27,7 +27,7 @@ from irl_dal.learning import LearningConfig
 from irl_dal.loop import Activation
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
-from shield import ActuatorLimits, StoppingConfig, TriggerConfig
+from shield import ActuatorLimits, BarrierConfig, TriggerConfig
 
 __all__ = [
     "ConfigError",
@@ -53,13 +53,13 @@ class ShieldConfig:
     Attributes:
         enabled: Whether it stands between the commands and the actuators. Off for comparisons only.
         solver: Solver of its projections.
-        stopping: Bound of the speed by the free path ahead.
+        barrier: Bounds of the command by what is around the car.
         trigger: When a state is risky enough to ask the planner.
     """
 
     enabled: bool = True
     solver: str = "osqp"
-    stopping: StoppingConfig = field(default_factory=StoppingConfig)
+    barrier: BarrierConfig = field(default_factory=BarrierConfig)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
 
 

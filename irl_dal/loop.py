@@ -14,7 +14,6 @@ The shield is always there and always last, whatever the source of the command.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -27,13 +26,14 @@ from irl_dal.envs import Caption, CityEnv
 from irl_dal.planner import ActionBlend, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
+    BarrierConfig,
     Certificate,
     ClearanceTracker,
+    CommandBounds,
     LaneTracker,
+    ObstacleBarrier,
     RiskTrigger,
     SafetyFilter,
-    StoppingBarrier,
-    StoppingConfig,
     TriggerConfig,
 )
 
@@ -87,7 +87,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     | previous_command, executed_command, executed_action | what the actuators had and got |
     | triggered, plan, blend_weight | what the planner did in this step |
     | certificate | what the shield says of this step (None without a shield) |
-    | max_speed | bound of the free path ahead on this step's speed [m/s], infinite without one |
+    | bounds | what the surroundings bounded this step to |
     | nominal_violations | per source, whether its command broke a bound before the shield |
 
     Args:
@@ -95,7 +95,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         expert: Labels every state.
         supervision: Who watches over the nominal action.
         trigger: When a state is risky.
-        stopping: How the free path ahead bounds the shield's speed; None for the limits alone.
+        barrier: How what is around the car bounds the shield's command; None for the limits alone.
     """
 
     def __init__(
@@ -104,7 +104,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         expert: FSMExpert,
         supervision: Supervision,
         trigger: TriggerConfig,
-        stopping: StoppingConfig | None = None,
+        barrier: BarrierConfig | None = None,
     ) -> None:
         super().__init__(env)
         city = env.unwrapped
@@ -117,9 +117,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._clearance = ClearanceTracker(self.limits.dt, max_range=city.config.lidar_range)
         self._lane = LaneTracker(self.limits.dt)
         self._trigger = RiskTrigger(trigger, self.limits.dt)
-        self._stopping: StoppingBarrier | None = None
-        if stopping is not None and stopping.enabled:
-            self._stopping = StoppingBarrier(stopping, self.limits)
+        self._barrier: ObstacleBarrier | None = None
+        if barrier is not None and barrier.enabled:
+            self._barrier = ObstacleBarrier(barrier, self.limits)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -135,8 +135,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             watch.blend.reset()
         if watch.safety_filter is not None:
             watch.safety_filter.reset(self._previous)
-        if self._stopping is not None:
-            self._stopping.reset()
+        if self._barrier is not None:
+            self._barrier.reset()
         info.update(self._assess(observation, info))
         return observation, info
 
@@ -195,12 +195,12 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     ) -> tuple[Observation, float, bool, bool, Info]:
         """Shield the command, drive it and assess what comes of it."""
         certificate: Certificate | None = None
-        executed, max_speed, shield = command, math.inf, self.supervision.safety_filter
+        executed, bounds, shield = command, CommandBounds(), self.supervision.safety_filter
         if shield is not None:
-            if self._stopping is not None:
-                max_speed = self._stopping.max_speed(self._reachable(float(command[0])))
+            if self._barrier is not None:
+                bounds = self._barrier.bounds(command, float(self._previous[0]))
             certificate = shield.filter(
-                command, plan=None if plan is None else plan.actions, max_speed=max_speed
+                command, plan=None if plan is None else plan.actions, bounds=bounds
             )
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
@@ -212,15 +212,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             executed_command=self._previous,
             executed_action=self.limits.to_action(self._previous),
             certificate=certificate,
-            max_speed=max_speed,
+            bounds=bounds,
         )
         info.update(self._assess(observation, info))
         return observation, reward, terminated, truncated, info
-
-    def _reachable(self, steering: float) -> float:
-        """The steering angle that one step brings it to [rad]."""
-        last, step = float(self._previous[0]), self.limits.steering_step
-        return min(max(steering, last - step), last + step)
 
     def _assess(self, observation: Observation, info: Info) -> Info:
         """Estimate, weigh the risk and ask the expert, all from sensors."""
@@ -229,8 +224,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
         self._distance = self._clearance.update(scan)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
-        if self._stopping is not None:
-            self._stopping.update(scan, speed, yaw_rate)
+        if self._barrier is not None:
+            self._barrier.update(scan, speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         self.city.caption = Caption(

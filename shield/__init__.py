@@ -1,13 +1,15 @@
 """A safety shield for commands (steering, speed) whose bounds hold exactly.
 
 `HorizonProjector` finds the nearest horizon within box, rate and lateral acceleration bounds;
-`SafetyFilter` guards one command at a time; `StoppingBarrier`
-bounds the speed by the free path ahead; the trackers and the trigger tell when to worry.
+`SafetyFilter` guards one command at a time; `ObstacleBarrier`
+bounds it by what is around the car; the trackers and the trigger tell when to worry.
 `shield.gym` puts the shield around an environment. The guarantees and their proofs are in the
 package's README.
 """
 
+from shield.barrier import BarrierConfig, ObstacleBarrier
 from shield.certificate import BatchProjection, Certificate, Projection, Status
+from shield.command_bounds import CommandBounds
 from shield.errors import InvalidLimits, InvalidProblem, MissingDependency, ShieldError
 from shield.estimation import (
     ClearanceEstimate,
@@ -19,18 +21,19 @@ from shield.estimation import (
 from shield.limits import ActuatorLimits
 from shield.projection import HorizonProjector
 from shield.safety_filter import SafetyFilter
-from shield.stopping import StoppingBarrier, StoppingConfig
 from shield.tracking import ClusterTracker, Track
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
 from shield.vehicle import KinematicBicycle
 
 __all__ = [
     "ActuatorLimits",
+    "BarrierConfig",
     "BatchProjection",
     "Certificate",
     "ClearanceEstimate",
     "ClearanceTracker",
     "ClusterTracker",
+    "CommandBounds",
     "HorizonProjector",
     "InvalidLimits",
     "InvalidProblem",
@@ -39,14 +42,13 @@ __all__ = [
     "LaneMeasurement",
     "LaneTracker",
     "MissingDependency",
+    "ObstacleBarrier",
     "Projection",
     "Risk",
     "RiskTrigger",
     "SafetyFilter",
     "ShieldError",
     "Status",
-    "StoppingBarrier",
-    "StoppingConfig",
     "Track",
     "TriggerConfig",
 ]

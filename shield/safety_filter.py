@@ -1,6 +1,5 @@
 """The last gate before the actuators: one command at a time, tied to the last one executed."""
 
-import math
 import time
 from dataclasses import replace
 
@@ -9,6 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shield.arguments import as_array, as_horizon
 from shield.certificate import Certificate, Projection, Status
+from shield.command_bounds import CommandBounds
 from shield.errors import InvalidProblem
 from shield.fallback import FallbackPlan
 from shield.limits import ActuatorLimits
@@ -17,6 +17,8 @@ from shield.repair import Bounds, worst_excess
 from shield.solvers import SolverFactory
 
 __all__ = ["SafetyFilter"]
+
+_FREE = CommandBounds()
 
 
 class SafetyFilter:
@@ -92,7 +94,7 @@ class SafetyFilter:
         nominal: ArrayLike,
         plan: ArrayLike | None = None,
         *,
-        max_speed: float = math.inf,
+        bounds: CommandBounds = _FREE,
     ) -> Certificate:
         """Return the command to execute, and remember it as executed.
 
@@ -100,8 +102,8 @@ class SafetyFilter:
             nominal: Wanted command [rad, m/s], shape (2,), any values.
             plan: The horizon that `nominal` is the beginning of [rad, m/s], shape (H, 2). Its
                 later steps are kept for the fallback.
-            max_speed: Bound of this step alone, of a `StoppingBarrier` say [m/s]. The limits come
-                first: the speed falls to it no faster than they let it. NaN counts as 0.
+            bounds: Of this step alone, those of an `ObstacleBarrier` say. The limits come first:
+                the command goes to these bounds no faster than the limits let it.
 
         Returns:
             The certificate; an admissible nominal passes bit by bit. A nominal that is not finite
@@ -114,7 +116,7 @@ class SafetyFilter:
         wanted = as_array("nominal", nominal, (2,)).copy()
         horizon = None if plan is None else as_horizon("plan", plan)
         if np.isfinite(wanted).all():
-            projection = self._project(wanted, max_speed)
+            projection = self._project(wanted, bounds)
         else:
             projection = self._follow_fallback(wanted)
         if horizon is not None:
@@ -134,21 +136,20 @@ class SafetyFilter:
             intervened=projection.status is not Status.NOMINAL,
         )
 
-    def _project(self, wanted: NDArray[np.float64], max_speed: float) -> Projection:
-        """Return the nearest admissible command to the wanted one, slowed to `max_speed`."""
-        bound = 0.0 if math.isnan(max_speed) else max_speed
-        slowed = wanted.copy()
-        slowed[1] = min(wanted[1], max(bound, self.limits.min_speed))
-        projection = self._projector.project(slowed[None, :], self._previous)
-        if slowed[1] == wanted[1]:
+    def _project(self, wanted: NDArray[np.float64], bounds: CommandBounds) -> Projection:
+        """Return the admissible command nearest to the wanted one within the bounds."""
+        bounded = bounds.limit(wanted, self.limits.min_speed)
+        projection = self._projector.project(bounded[None, :], self._previous)
+        if (bounded == wanted).all():
             return projection
         correction = projection.actions - wanted
         correction.flags.writeable = False
+        steering, speed = bounded.tolist()
         return replace(
             projection,
             status=Status(max(projection.status, Status.PROJECTED, key=list(Status).index)),
             correction=correction,
-            reason=projection.reason or f"speed bounded by {slowed[1]:.2f} m/s",
+            reason=projection.reason or f"bounded to {steering:.3f} rad, {speed:.2f} m/s",
         )
 
     def _follow_fallback(self, wanted: NDArray[np.float64]) -> Projection:

@@ -18,20 +18,20 @@ variable   symbol
 `braking`  b
 =========  =============================================================
 
-It is a barrier on the best knowledge of one scanner, not a proof: what the scanner does not see
-and what moves faster than a pedestrian is not in it.
+It is a barrier on the best knowledge of one scanner, not a proof: what the scanner does not see is
+not in it, and cars count as standing where they are.
 """
 
 import math
-from dataclasses import dataclass, fields
+from dataclasses import asdict, dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
+from shield.arguments import check_positive
+from shield.barrier.surroundings import Surroundings
 from shield.errors import InvalidLimits
-from shield.limits import ActuatorLimits
-from shield.scan import ScanFilter
-from shield.tracking import ClusterTracker, Track
+from shield.tracking import Track
 
 __all__ = ["StoppingBarrier", "StoppingConfig"]
 
@@ -49,46 +49,32 @@ class StoppingConfig:
     """Numbers of the barrier, none of them in the paper.
 
     Attributes:
-        enabled: Whether the shield has it.
-        braking: Deceleration it counts on [m/s^2]: two thirds of the limit, so that the rest is in
-            hand.
+        braking: Deceleration it counts on [m/s^2], a little less than the limit: the last resort
+            of somebody who should have braked before.
         delay: Time until the brakes hold [s].
-        standoff: Distance from the sensor to what it stops for [m].
+        standoff: Distance from the scanner to what it stops for [m].
+        walker_standoff: The same for somebody who walks [m].
         width: Half width of what the sensor sweeps [m]: half a car and a margin.
         walker_width: The same for somebody who walks [m].
-        walker_speed: Slowest and fastest speed of somebody who walks [m/s].
-        walker_sightings: Scans that must have seen him.
-        forward: From the rear axle to the sensor [m].
         body: From the sensor to behind the car [m].
-        max_range: Reading of a beam that hit nothing [m].
         horizon: Length of the path that is looked at [m].
 
     Raises:
         InvalidLimits: A number is not positive and finite.
     """
 
-    enabled: bool = True
-    braking: float = 4.0
+    braking: float = 5.0
     delay: float = 0.2
-    standoff: float = 1.5
-    width: float = 1.3
+    standoff: float = 1.6
+    walker_standoff: float = 2.5
+    width: float = 1.2
     walker_width: float = 1.9
-    walker_speed: tuple[float, float] = (0.5, 2.5)
-    walker_sightings: int = 5
-    forward: float = 3.6
     body: float = 6.0
-    max_range: float = 40.0
     horizon: float = 30.0
 
     def __post_init__(self) -> None:
         """Refuse what cannot be, naming the field and the value received."""
-        for entry in fields(self):
-            value = getattr(self, entry.name)
-            for number in value if isinstance(value, tuple) else (value,):
-                if entry.name != "enabled" and not 0.0 < number < math.inf:
-                    raise InvalidLimits(
-                        f"`{entry.name}` must be positive and finite. Got {value!r}."
-                    )
+        check_positive(InvalidLimits, **asdict(self))
 
 
 class StoppingBarrier:
@@ -96,88 +82,52 @@ class StoppingBarrier:
 
     Args:
         config: Its numbers.
-        limits: Limits of the vehicle.
+        wheelbase: Distance between the axles [m].
     """
 
     _STEP = 0.5
 
-    def __init__(self, config: StoppingConfig, limits: ActuatorLimits) -> None:
+    def __init__(self, config: StoppingConfig, wheelbase: float) -> None:
         self.config = config
-        self._wheelbase = limits.wheelbase
-        self._tracker = ClusterTracker(limits.dt, config.forward)
-        self._scan_filter = ScanFilter(config.max_range)
+        self._wheelbase = wheelbase
         self._along: Array = np.arange(0.0, config.horizon, self._STEP)
-        self.reset()
 
-    def reset(self) -> None:
-        """Forget the episode."""
-        self._tracker.reset()
-        self._scan_filter.reset()
-        self._points: Array = np.zeros((0, 2))
-        self._walkers: list[Track] = []
-        self._speed = 0.0
-        self._blind = False
-
-    def update(self, scan: ArrayLike, speed: float, yaw_rate: float) -> None:
-        """Take a scan.
-
-        Args:
-            scan: Ranges [m], shape (n,), over 180 degrees, counter-clockwise from the right.
-            speed: Own speed [m/s].
-            yaw_rate: Own yaw rate [rad/s].
-
-        Raises:
-            InvalidProblem: `scan` is not of numbers, not one-dimensional or empty.
-        """
-        config = self.config
-        ranges = self._scan_filter.clean(scan, speed)
-        self._blind = ranges is None
-        if ranges is None:
-            return
-        self._speed = speed if math.isfinite(speed) else self._speed
-        hit = ranges < min(config.max_range - 0.5, config.horizon)
-        bearing = np.linspace(-0.5 * math.pi, 0.5 * math.pi, len(ranges))[hit]
-        self._points = ranges[hit, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-        slowest, fastest = config.walker_speed
-        self._walkers = [
-            track
-            for track in self._tracker.update(self._points, self._speed, yaw_rate)
-            if track.sightings >= config.walker_sightings
-            and slowest < math.hypot(*track.velocity.tolist()) < fastest
-        ]
-
-    def max_speed(self, steering: float) -> float:
+    def max_speed(self, around: Surroundings, steering: float) -> float:
         """The speed from which the car stops in time on the arc of a steering angle [m/s].
 
-        Infinite on a free path, and without a usable scan: not seeing is the trigger's business.
+        Infinite on a free path.
 
         Args:
+            around: What is there.
             steering: That is about to be executed [rad].
         """
-        if self._blind or not math.isfinite(steering):
+        if not math.isfinite(steering):
             return math.inf
-        curvature = math.tan(steering) / self._wheelbase
-        arc = _Arc.of(curvature, self.config.forward)
-        free = min(self._free_of_points(arc), self._free_of_walkers(arc)) - self.config.standoff
+        arc = _Arc.of(math.tan(steering) / self._wheelbase, around.forward)
+        free = min(
+            self._free_of_points(arc, around.points) - self.config.standoff,
+            self._free_of_walkers(arc, around) - self.config.walker_standoff,
+        )
         if math.isinf(free):
             return math.inf
-        lost = self.config.braking * self.config.delay
-        return max(0.0, math.sqrt(lost**2 + 2.0 * self.config.braking * max(free, 0.0)) - lost)
+        braking, room = self.config.braking, max(free, 0.0)
+        lost = braking * self.config.delay
+        return max(0.0, math.sqrt(lost**2 + 2.0 * braking * room) - lost)
 
-    def _free_of_points(self, arc: "_Arc") -> float:
+    def _free_of_points(self, arc: "_Arc", points: Array) -> float:
         """Length of the arc up to the second point that is swept: one alone may be rain [m]."""
-        along, aside = arc.locate(self._points)
+        along, aside = arc.locate(points)
         swept = along[(along > 0.0) & (np.abs(aside) < self.config.width)]
         return float(np.partition(swept, 1)[1]) if len(swept) > 1 else math.inf
 
-    def _free_of_walkers(self, arc: "_Arc") -> float:
+    def _free_of_walkers(self, arc: "_Arc", around: Surroundings) -> float:
         """Length of the arc up to where a walker will be before the car has passed [m]."""
-        if not self._walkers:
+        if not around.walkers:
             return math.inf
-        passed = (self._along + self.config.body) / max(self._speed, _SLOWEST)
+        passed = (self._along + self.config.body) / max(around.speed, _SLOWEST)
         places = arc.places(self._along)
         blocked = np.zeros(len(places), np.bool_)
-        for walker in self._walkers:
+        for walker in around.walkers:
             comes, goes = _crossing_times(walker, places, self.config.walker_width)
             blocked |= (goes > 0.0) & (comes < passed)
         return float(self._along[blocked].min(initial=math.inf))

@@ -1,0 +1,41 @@
+"""Bounds of one step alone, which the surroundings set and not the vehicle."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+__all__ = ["CommandBounds"]
+
+
+@dataclass(frozen=True, slots=True)
+class CommandBounds:
+    """What the next command should keep, as far as the limits of the vehicle let it.
+
+    Values that are not numbers bound like 0: not knowing is a risk.
+
+    Attributes:
+        right: Sharpest steering to the right [rad], at most 0.
+        left: Sharpest steering to the left [rad], at least 0.
+        max_speed: [m/s]
+    """
+
+    right: float = -math.inf
+    left: float = math.inf
+    max_speed: float = math.inf
+
+    def limit(self, command: NDArray[np.float64], min_speed: float) -> NDArray[np.float64]:
+        """Return the nearest command within the bounds, (2,) [rad, m/s]; a copy.
+
+        Args:
+            command: (2,) [rad, m/s].
+            min_speed: The speed is not bounded below this one [m/s].
+        """
+        steering, speed = command.tolist()
+        steering = max(min(steering, _known(self.left)), _known(self.right))
+        return np.array([steering, min(speed, max(_known(self.max_speed), min_speed))])
+
+
+def _known(bound: float) -> float:
+    return 0.0 if math.isnan(bound) else bound
