@@ -30,14 +30,14 @@ class FlankConfig:
 
     Attributes:
         half_width: Half the width of the car and a margin [m].
-        ahead: How far ahead of the scanner a thing is beside the car already [m].
+        reach: Sideways distance from the middle up to which a thing is beside the car [m].
 
     Raises:
         InvalidLimits: A number is not positive and finite.
     """
 
     half_width: float = 1.15
-    ahead: float = 1.0
+    reach: float = 2.2
 
     def __post_init__(self) -> None:
         """Refuse what cannot be, naming the field and the value received."""
@@ -64,15 +64,13 @@ class FlankBarrier:
         Args:
             around: What is there.
         """
-        seen = around.points[around.points[:, 0] < self.config.ahead]
-        points = np.concatenate([seen, around.beside])
-        ahead, aside = points[:, 0] + around.forward, points[:, 1]
+        ahead, aside = around.beside[:, 0] + around.forward, around.beside[:, 1]
         return -self._sharpest(ahead, -aside), self._sharpest(ahead, aside)
 
     def _sharpest(self, ahead: Array, aside: Array) -> float:
         """Sharpest steering towards a side, from points at distances ahead and aside (n,) [m]."""
         half = self.config.half_width
-        on_side = aside > 0.0
+        on_side = (aside > 0.0) & (aside < self.config.reach)
         if not on_side.any():
             return math.inf
         x, y = ahead[on_side], aside[on_side]

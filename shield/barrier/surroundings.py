@@ -28,8 +28,8 @@ _SURE = 5
 _CAR = 7.0
 """Longer than this is a wall or a hedge, which stands [m]."""
 
-_FASTEST = 6.0
-"""Of what is remembered beside the car [m/s]; what comes towards it is gone at once."""
+_FASTEST = 15.0
+"""Along the car, of what is remembered beside it [m/s]; more is a mismatch of two clusters."""
 
 _BESIDE = 3.5
 """Sideways distance up to which things are remembered [m]."""
@@ -99,7 +99,7 @@ class Surroundings:
         self._pace = np.zeros(len(self.points))
         for track in sure:
             pace = float(track.velocity[0])
-            self._pace[track.first : track.last + 1] = pace if 0.0 < pace < _FASTEST else 0.0
+            self._pace[track.first : track.last + 1] = pace if abs(pace) < _FASTEST else 0.0
         self.walkers = tuple(track for track in sure if self._walks(track))
 
     def _walks(self, track: Track) -> bool:
