@@ -3,7 +3,8 @@
 import gymnasium
 
 from irl_dal.envs.chase import Caption
-from irl_dal.envs.city import CityConfig, CityEnv, Scene
+from irl_dal.envs.city import CityEnv, Scene
+from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import FAULTS, FaultConfig
 from irl_dal.envs.reward import RewardConfig
 
