@@ -224,7 +224,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
         self._distance = self._clearance.update(scan)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
-        if self._barrier is not None:
+        if self._barrier is not None and self.supervision.safety_filter is not None:
             self._barrier.update(scan, speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)

@@ -16,8 +16,8 @@ class CommandBounds:
     Values that are not numbers bound like 0: not knowing is a risk.
 
     Attributes:
-        right: Sharpest steering to the right [rad], at most 0.
-        left: Sharpest steering to the left [rad], at least 0.
+        right: Sharpest steering to the right [rad].
+        left: Sharpest steering to the left [rad], not below `right`.
         max_speed: [m/s]
     """
 

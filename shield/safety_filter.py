@@ -118,7 +118,7 @@ class SafetyFilter:
         if np.isfinite(wanted).all():
             projection = self._project(wanted, bounds)
         else:
-            projection = self._follow_fallback(wanted)
+            projection = self._follow_fallback(wanted, bounds)
         if horizon is not None:
             self._fallback.remember(horizon)
         else:
@@ -152,16 +152,16 @@ class SafetyFilter:
             reason=projection.reason or f"bounded to {steering:.3f} rad, {speed:.2f} m/s",
         )
 
-    def _follow_fallback(self, wanted: NDArray[np.float64]) -> Projection:
-        """Return the first command of the fallback as a projection of length one."""
+    def _follow_fallback(self, wanted: NDArray[np.float64], bounds: CommandBounds) -> Projection:
+        """Return the first command of the fallback, within the bounds, as a projection."""
         steering, speed = self._previous.tolist()
         commands, what = self._fallback.horizon(steering, speed, 1)
-        actions = np.array([commands])
+        actions = self._project(np.array(commands), bounds).actions
         return Projection(
             actions,
             Status.FALLBACK,
             actions - np.where(np.isfinite(wanted), wanted, np.nan),
-            worst_excess(self._bounds, commands, steering, speed),
+            worst_excess(self._bounds, actions.ravel().tolist(), steering, speed),
             0.0,
             f"nominal {wanted.tolist()} is not finite: {what}",
         )

@@ -1,5 +1,6 @@
 """Both barriers behind one scanner: what the shield asks before every command."""
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -93,10 +94,11 @@ class ObstacleBarrier:
         """Bounds of the next command.
 
         Args:
-            command: Wanted (2,) [rad, m/s].
+            command: Wanted (2,) [rad, m/s]; a steering that is not a number counts as the last one.
             previous: Last executed steering [rad].
         """
         steering, wanted = command.tolist()
+        steering = previous if math.isnan(steering) else steering
         right, left = self._flanks.steering(self.surroundings)
         speed = self._max_speed(min(max(steering, right), left), previous)
         if self._stands(speed, wanted):

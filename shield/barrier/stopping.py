@@ -101,8 +101,6 @@ class StoppingBarrier:
             around: What is there.
             steering: That is about to be executed [rad].
         """
-        if not math.isfinite(steering):
-            return math.inf
         arc = _Arc.of(math.tan(steering) / self._wheelbase, around.forward)
         free = min(
             self._free_of_points(arc, around.points) - self.config.standoff,

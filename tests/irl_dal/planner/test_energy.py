@@ -107,70 +107,84 @@ def test_printed_terms_ignore_the_plan(kind: type[Energy]) -> None:
     assert not gradient.any()
 
 
-def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
-    """The composite roll-out energy of one plan (H, 2), written a second time, step by step."""
-    half = torch.tensor([LIMITS.max_steering, 0.5 * (LIMITS.max_speed - LIMITS.min_speed)])
-    centre = torch.tensor([0.0, 0.5 * (LIMITS.max_speed + LIMITS.min_speed)])
-    half, centre = half.double(), centre.double()
-    danger = 1.0 - math.tanh(scene.clearance.clearance / 3.0)
-    pose = torch.zeros(3).double()
-    e = torch.tensor(scene.lane.lateral_offset, dtype=torch.float64)
-    psi = torch.tensor(scene.lane.heading_error, dtype=torch.float64)
-    s = torch.tensor(0.0, dtype=torch.float64)
+def advance(pose: torch.Tensor, bend: torch.Tensor, run: torch.Tensor) -> torch.Tensor:
+    """The pose (x, y, yaw) after a piece of a circle."""
+    mid = pose[2] + 0.5 * bend * run
+    return torch.stack([pose[0] + run * mid.cos(), pose[1] + run * mid.sin(), pose[2] + bend * run])
+
+
+def gap_to(points: torch.Tensor, pose: torch.Tensor) -> torch.Tensor:
+    """Free distance between the car's discs and the nearest of the points."""
+    direction = torch.stack([pose[2].cos(), pose[2].sin()])
+    discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
+    return (discs[:, None] - points).norm(dim=2).min() - DISC_RADIUS
+
+
+def torch_commands(actions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Curvatures and speeds of normalised actions (H, 2)."""
+    steering = LIMITS.max_steering * actions[:, 0]
+    middle, half = LIMITS.max_speed + LIMITS.min_speed, LIMITS.max_speed - LIMITS.min_speed
+    return torch.tan(steering) / LIMITS.wheelbase, 0.5 * (middle + half * actions[:, 1])
+
+
+def torch_lane(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
+    """Mean square of the predicted offset from the lane that the plan makes for."""
+    e, psi, s = (
+        torch.tensor(value, dtype=torch.float64)
+        for value in (scene.lane.lateral_offset, scene.lane.heading_error, 0.0)
+    )
+    offsets = []
+    for bend, speed in zip(*torch_commands(actions), strict=True):
+        run = speed * LIMITS.dt
+        relative = (bend - scene.lane.curvature - scene.lane.curvature_rate * (s + 0.5 * run)) * run
+        e = e + run * torch.sin(psi + 0.5 * relative)
+        psi, s = psi + relative, s + run
+        offsets.append(e)
+    preview = offsets[-1] + config.lane_preview * speed * psi.sin()
+    target = min(scene.lane_centres, key=lambda one: abs(float(preview.detach()) - one))
+    off = torch.stack(offsets) - target
+    return config.lane_weight * (off / config.lane_scale).square().mean()
+
+
+def torch_clearance(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
+    """Mean square of what is missing to the safe clearance, along the plan and a stop after it."""
     seen = scene.scan < MAX_RANGE
     angle, distance = torch.tensor(BEAM_ANGLES[seen]), torch.tensor(scene.scan[seen])
     ray = torch.stack([angle.cos(), angle.sin()], dim=1)
     near = int(distance.argmin())
     points = distance[:, None] * ray
-    moves = ((points - points[near]).norm(dim=1) < 3.0).double()
+    moves = ((points - points[near]).norm(dim=1) < 3.0).double()[:, None] * ray[near]
     away = scene.speed * ray[near, 0] - scene.clearance.closing_speed
-    offsets, clearances = [], []
-    for i, action in enumerate(actions):
-        steering, speed = centre + half * action
-        run = speed * LIMITS.dt
-        bend = torch.tan(steering) / LIMITS.wheelbase
-        mid = pose[2] + 0.5 * bend * run
-        pose = torch.stack(
-            [pose[0] + run * mid.cos(), pose[1] + run * mid.sin(), pose[2] + bend * run]
-        )
-        relative = (bend - scene.lane.curvature - scene.lane.curvature_rate * (s + 0.5 * run)) * run
-        e = e + run * torch.sin(psi + 0.5 * relative)
-        psi, s = psi + relative, s + run
-        offsets.append(e)
+    pose, clearances = torch.zeros(3).double(), []
+    for i, (bend, speed) in enumerate(zip(*torch_commands(actions), strict=True)):
+        pose = advance(pose, bend, speed * LIMITS.dt)
         now = points + torch.tensor(np.array([LIDAR_POSITION, 0.0]))
-        now = now + moves[:, None] * away * ray[near] * LIMITS.dt * (i + 1)
-        direction = torch.stack([pose[2].cos(), pose[2].sin()])
-        discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
-        clearances.append((discs[:, None] - now).norm(dim=2).min() - DISC_RADIUS)
+        now = now + moves * away * LIMITS.dt * (i + 1)
+        clearances.append(gap_to(now, pose))
     for j in range(1, 5):  # four poses on the way to a stop at `braking`, the object braking too
         brake = config.braking or math.inf
-        run = speed**2 / (2.0 * brake) / 4.0
-        mid = pose[2] + 0.5 * bend * run
-        pose = torch.stack(
-            [pose[0] + run * mid.cos(), pose[1] + run * mid.sin(), pose[2] + bend * run]
-        )
+        pose = advance(pose, bend, speed**2 / (2.0 * brake) / 4.0)
         time = scene.previous[1] / brake * (1.0 - math.sqrt(1.0 - j / 4.0))
         time = min(time, abs(away) / brake)
         way = math.copysign(abs(away) * time - 0.5 * brake * time**2, away)
-        direction = torch.stack([pose[2].cos(), pose[2].sin()])
-        discs = pose[:2] + torch.tensor(DISC_CENTRES)[:, None] * direction
-        then = now + moves[:, None] * way * ray[near]
-        clearances.append((discs[:, None] - then).norm(dim=2).min() - DISC_RADIUS)
-    preview = offsets[-1] + config.lane_preview * speed * psi.sin()
-    target = min(scene.lane_centres, key=lambda one: abs(float(preview.detach()) - one))
-    off = torch.stack(offsets) - target
-    lane_part = config.lane_weight * (1.0 + danger) * (off / config.lane_scale).square().mean()
+        clearances.append(gap_to(now + moves * way, pose))
     gap = (config.safe_clearance - torch.stack(clearances)) / config.clearance_scale
-    lidar_part = config.clearance_weight * (1.0 + danger) * gap.clamp(min=0.0).square().mean()
-    last = (torch.tensor(scene.previous) - centre) / half
+    return config.clearance_weight * gap.clamp(min=0.0).square().mean()
+
+
+def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
+    """The composite roll-out energy of one plan (H, 2), written a second time, step by step."""
+    danger = 1.0 - math.tanh(scene.clearance.clearance / 3.0)
+    half = torch.tensor([LIMITS.max_steering, 0.5 * (LIMITS.max_speed - LIMITS.min_speed)])
+    centre = torch.tensor([0.0, 0.5 * (LIMITS.max_speed + LIMITS.min_speed)])
+    last = (torch.tensor(scene.previous) - centre.double()) / half.double()
     steps = torch.cat([last[None], actions]).diff(dim=0)
-    jerk_part = config.jerk_weight * steps.square().sum(1).mean()
-    neutral = torch.stack(
-        [torch.tensor(scene.lane.curvature).double().mul(LIMITS.wheelbase).atan(), last[1]]
-    )
-    neutral[0] = neutral[0] / half[0]
+    along_lane = math.atan(scene.lane.curvature * LIMITS.wheelbase) / LIMITS.max_steering
+    neutral = torch.stack([torch.tensor(along_lane, dtype=torch.float64), last[1]])
+    hazardous = torch_lane(scene, config, actions) + torch_clearance(scene, config, actions)
+    jerk = config.jerk_weight * steps.square().sum(1).mean()
     stability = config.stability_weight * (actions - neutral).square().sum(1).mean()
-    return lane_part + lidar_part + jerk_part + stability
+    return (1.0 + danger) * hazardous + jerk + stability
 
 
 @pytest.mark.parametrize("seed", range(6))

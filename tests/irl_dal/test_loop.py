@@ -1,0 +1,54 @@
+"""One control step, from the sensors to the actuators."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from irl_dal.build import build_loop, supervision
+from irl_dal.config import RunConfig
+from shield import BarrierConfig
+
+
+@pytest.fixture
+def straight(tmp_path: Path) -> RunConfig:
+    """A straight road with things standing on it, the planner off."""
+    road = tmp_path / "straight.csv"
+    road.write_text("\n".join(f"{x},0,7,7" for x in range(0, 601, 5)))
+    config = RunConfig()
+    return replace(
+        config,
+        env=replace(config.env, track=str(road), route_length=300.0, dynamics="kinematic"),
+        supervision=replace(config.supervision, enabled=False),
+    )
+
+
+def blind_drive(config: RunConfig) -> tuple[bool, float]:
+    """Straight on at 8 m/s whatever comes: whether it collided, and the least clearance [m]."""
+    loop = build_loop(config, supervision(config, None))
+    loop.reset(seed=1)
+    action, nearest = loop.limits.to_action(np.array([0.0, 8.0])), np.inf
+    for _ in range(150):
+        _, _, terminated, _, info = loop.step(action)
+        nearest = min(nearest, float(info["clearance"]))
+        if terminated:
+            break
+    loop.close()
+    return bool(info["collision"]), nearest
+
+
+def test_the_barrier_stops_a_policy_that_sees_nothing(straight: RunConfig) -> None:
+    """With it the car stands before what stands there; without it, it runs into it."""
+    collided, nearest = blind_drive(straight)
+    assert not collided and 1.0 < nearest < 2.0
+    shield = replace(straight.shield, barrier=BarrierConfig(enabled=False))
+    collided, _ = blind_drive(replace(straight, shield=shield))
+    assert collided
+
+
+def test_without_the_shield_there_is_no_barrier(straight: RunConfig) -> None:
+    """It bounds what the shield lets through, and nothing without one."""
+    config = replace(straight, shield=replace(straight.shield, enabled=False))
+    collided, _ = blind_drive(config)
+    assert collided
