@@ -19,7 +19,13 @@ def straight(tmp_path: Path) -> RunConfig:
     config = RunConfig()
     return replace(
         config,
-        env=replace(config.env, track=str(road), route_length=300.0, dynamics="kinematic"),
+        env=replace(
+            config.env,
+            track=str(road),
+            route_length=300.0,
+            dynamics="kinematic",
+            difficulty="easy",
+        ),
         supervision=replace(config.supervision, enabled=False),
     )
 

@@ -95,6 +95,14 @@ def test_one_short_beam_is_rain() -> None:
     assert max_speed(barrier_after(ranges)) < 6.0
 
 
+def test_rain_before_a_thing_does_not_bring_it_nearer() -> None:
+    """The bound is that of what two beams agree on."""
+    alone = scan_of((20.0, 0.0, 0.8))
+    wet = alone.copy()
+    wet[90] = 4.0
+    assert max_speed(barrier_after(wet)) == pytest.approx(max_speed(barrier_after(alone)), abs=0.1)
+
+
 def walk(lateral: float, pace: float, steps: int = 8, speed: float = 8.0) -> list[np.ndarray]:
     """Scans of somebody 22 m ahead at first who walks across, seen from a car driving straight."""
     return [scan_of((22.0 - speed * 0.1 * k, lateral + pace * 0.1 * k, 0.25)) for k in range(steps)]
@@ -242,6 +250,13 @@ def test_a_bound_that_is_no_number_stops_the_car() -> None:
     shield.reset([0.0, 0.5])
     assert shield.filter([0.0, 5.0], bounds=CommandBounds(max_speed=math.nan)).safe_action[1] == 0.0
     assert shield.filter([0.0, 5.0], bounds=CommandBounds(max_speed=-3.0)).safe_action[1] == 0.0
+
+
+def test_a_car_that_stands_already_is_not_stopped() -> None:
+    """A bound below the least speed asks for nothing more than that speed."""
+    shield = SafetyFilter(LIMITS)
+    certificate = shield.filter([0.0, 0.0], bounds=CommandBounds(max_speed=-3.0))
+    assert certificate.status is Status.NOMINAL and not certificate.intervened
 
 
 def test_the_filter_steers_to_the_bound_as_fast_as_the_limits_let_it() -> None:
