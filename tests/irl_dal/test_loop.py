@@ -33,7 +33,7 @@ def straight(tmp_path: Path) -> RunConfig:
 def blind_drive(config: RunConfig) -> tuple[bool, float]:
     """Straight on at 8 m/s whatever comes: whether it collided, and the least clearance [m]."""
     loop = build_loop(config, supervision(config, None))
-    loop.reset(seed=1)
+    loop.reset(seed=0)
     action, nearest = loop.limits.to_action(np.array([0.0, 8.0])), np.inf
     for _ in range(150):
         _, _, terminated, _, info = loop.step(action)
