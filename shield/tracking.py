@@ -75,9 +75,9 @@ class ClusterTracker:
     reach: float = 0.9
     memory: int = 10
     patience: int = 3
-    _pose: Array = field(default_factory=lambda: np.zeros(3))
-    _follows: list[_Follow] = field(default_factory=list)
-    _count: int = 0
+    _pose: Array = field(init=False)
+    _follows: list[_Follow] = field(init=False)
+    _count: int = field(init=False, default=0)
 
     def __post_init__(self) -> None:
         check_positive(
@@ -88,6 +88,7 @@ class ClusterTracker:
             reach=self.reach,
             memory=self.memory,
         )
+        self.reset()
 
     def reset(self) -> None:
         """Forget everything."""
