@@ -28,8 +28,9 @@ from irl_dal.benchmarks.speed import compare_speed, missing_peers, parts_table, 
 from irl_dal.checkpoint import CheckpointError
 from irl_dal.config import ConfigError, RunConfig
 from irl_dal.envs import FAULTS, CityConfig
-from irl_dal.evaluation.bench import AgentSpec, one_thread
+from irl_dal.evaluation.bench import AgentSpec
 from irl_dal.runs import open_run
+from irl_dal.threads import one_thread
 
 __all__ = ["main"]
 

@@ -20,6 +20,7 @@ from irl_dal.evaluation.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.overrides import stated, unchanged
 from irl_dal.runs import RunFolder, create_run, default_run_dir, open_run, provenance
+from irl_dal.threads import one_thread
 
 __all__ = ["main"]
 
@@ -85,7 +86,8 @@ def _train(folder: RunFolder, console: Console) -> None:
         if folder.has_checkpoint:
             pipeline.restore()
         console.print(f"run folder: {folder.path}")
-        pipeline.run()
+        with one_thread():
+            pipeline.run()
     finally:
         loop.close()
 

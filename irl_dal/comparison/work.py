@@ -18,7 +18,7 @@ from irl_dal.comparison.config import ComparisonConfig
 from irl_dal.comparison.store import ComparisonStore
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import ExpertAgent
-from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
+from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.measurements import ExpertPath, Measurements
 from irl_dal.evaluation.metrics import metric_rows
@@ -26,6 +26,7 @@ from irl_dal.evaluation.plan_log import PlanLog
 from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_steps
 from irl_dal.loop import Observation
 from irl_dal.planner import DiffusionPlanner, PlanningContext
+from irl_dal.threads import one_thread
 
 __all__ = [
     "Subject",

@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
-
-import torch
 
 from irl_dal.build import (
     build_loop,
@@ -24,7 +20,7 @@ from irl_dal.evaluation.measurements import HeldOutActions, PathPair
 from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert
 from irl_dal.loop import ControlLoop, Supervision
 
-__all__ = ["AgentSpec", "Bench", "PolicyName", "one_thread"]
+__all__ = ["AgentSpec", "Bench", "PolicyName"]
 
 PolicyName = Literal["run", "expert", "random"]
 
@@ -103,14 +99,3 @@ class Bench:
     def close(self) -> None:
         """Leave the simulator."""
         self.loop.close()
-
-
-@contextmanager
-def one_thread() -> Iterator[None]:
-    """Let torch compute on one thread meanwhile: the numbers then depend on nothing else."""
-    threads = torch.get_num_threads()
-    torch.set_num_threads(1)
-    try:
-        yield
-    finally:
-        torch.set_num_threads(threads)

@@ -16,13 +16,14 @@ import expert
 import irl_dal.envs
 import shield
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
+from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.measurements import HeldOutActions, Measurements, PathPair
 from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.references import ReferenceCache
 from irl_dal.evaluation.rollout import spread_steps
 from irl_dal.evaluation.workers import Workers
 from irl_dal.runs import provenance
+from irl_dal.threads import one_thread
 
 __all__ = ["Evaluation", "evaluate"]
 

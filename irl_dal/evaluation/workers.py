@@ -10,7 +10,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.bench import AgentSpec, Bench, one_thread
+from irl_dal.evaluation.bench import AgentSpec, Bench
+from irl_dal.threads import one_thread
 
 __all__ = ["CHUNK", "Workers", "progress_bar"]
 

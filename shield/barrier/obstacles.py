@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,6 +20,9 @@ __all__ = ["BarrierConfig", "ObstacleBarrier"]
 _CHOICES = 21
 """Steering angles that are tried for a way out."""
 
+_RELUCTANCE = 0.3
+"""By which steering to the side on which one does not overtake counts as farther away [rad]."""
+
 
 @dataclass(frozen=True, slots=True)
 class BarrierConfig:
@@ -31,11 +35,13 @@ class BarrierConfig:
         escape_speed: At which a car that has been stopped steers free of what it stands before, if
             any steering is free [m/s].
         patience: How long it stands before it does so [s]; who walks has gone by then.
+        overtaking: Side on which it then rather goes, `left` or `right`: on the other one the road
+            may end.
         stopping: Of the speed.
         flanks: Of the steering.
 
     Raises:
-        InvalidLimits: A number is not positive and finite.
+        InvalidLimits: A number is not positive and finite, or a side that is none.
     """
 
     enabled: bool = True
@@ -43,6 +49,7 @@ class BarrierConfig:
     max_range: float = 40.0
     escape_speed: float = 1.0
     patience: float = 4.0
+    overtaking: Literal["left", "right"] = "left"
     stopping: StoppingConfig = field(default_factory=StoppingConfig)
     flanks: FlankConfig = field(default_factory=FlankConfig)
 
@@ -55,6 +62,8 @@ class BarrierConfig:
             escape_speed=self.escape_speed,
             patience=self.patience,
         )
+        if self.overtaking not in ("left", "right"):
+            raise InvalidLimits(f"`overtaking` must be left or right. Got {self.overtaking!r}.")
 
 
 class ObstacleBarrier:
@@ -125,7 +134,11 @@ class ObstacleBarrier:
         """The steering nearest to the wanted one on whose arc the car can creep on, if any."""
         lock = self._limits.max_steering
         choices = np.linspace(max(right, -lock), min(left, lock), _CHOICES)
-        for choice in sorted(choices.tolist(), key=lambda angle: abs(angle - steering)):
+        side = 1.0 if self._config.overtaking == "left" else -1.0
+        for choice in sorted(
+            choices.tolist(),
+            key=lambda angle: abs(angle - steering) + _RELUCTANCE * (side * angle < 0.0),
+        ):
             if self._stopping.max_speed(self.surroundings, choice) >= self._config.escape_speed:
                 return float(choice)
         return None

@@ -49,10 +49,11 @@ class StoppingConfig:
     """Numbers of the barrier, none of them in the paper.
 
     Attributes:
-        braking: Deceleration it counts on [m/s^2], a little less than the limit: the last resort
-            of somebody who should have braked before.
+        braking: Deceleration it counts on [m/s^2], the limit's: the last resort of somebody who
+            should have braked before.
         delay: Time until the brakes hold [s].
-        standoff: Distance from the scanner to what it stops for [m].
+        standoff: Distance from the scanner to what it stops for [m]; from nearer than 2.5 m a car
+            cannot steer free.
         walker_standoff: The same for somebody who walks [m].
         width: Half width of what the sensor sweeps [m]: half a car and a margin.
         walker_width: The same for somebody who walks [m].
@@ -63,10 +64,10 @@ class StoppingConfig:
         InvalidLimits: A number is not positive and finite.
     """
 
-    braking: float = 5.0
+    braking: float = 6.0
     delay: float = 0.2
-    standoff: float = 1.6
-    walker_standoff: float = 2.5
+    standoff: float = 3.0
+    walker_standoff: float = 3.5
     width: float = 1.2
     walker_width: float = 1.9
     body: float = 6.0

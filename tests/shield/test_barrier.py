@@ -1,6 +1,7 @@
 """Bounds on the next command from what is around the car."""
 
 import math
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -216,6 +217,23 @@ def test_who_has_stood_long_enough_steers_free() -> None:
     assert bounds.left == bounds.right > 0.1
     assert barrier.bounds(wish, bounds.left).max_speed == CONFIG.escape_speed
     assert barrier.bounds(np.zeros(2), 0.0).max_speed == 0.0
+
+
+@pytest.mark.parametrize(("side", "sign"), [("left", 1.0), ("right", -1.0)])
+def test_it_steers_free_on_the_side_on_which_one_overtakes(
+    side: Literal["left", "right"], sign: float
+) -> None:
+    """Both sides are free and neither is nearer; a wish for the other side is heard."""
+    config = BarrierConfig(overtaking=side)
+    for wish, way in ((0.0, sign), (-0.2 * sign, -sign)):
+        barrier = ObstacleBarrier(config, LIMITS)
+        barrier.update(scan_of((3.2, 0.0, 0.6)), 0.0, 0.0)
+        for _ in range(int(config.patience / LIMITS.dt) + 1):
+            bounds = barrier.bounds(np.array([wish, 8.0]), 0.0)
+        assert bounds.left == bounds.right
+        assert math.copysign(1.0, bounds.left) == way
+    with pytest.raises(InvalidLimits, match="`overtaking`.*up"):
+        BarrierConfig(overtaking="up")  # type: ignore[arg-type]
 
 
 def test_the_filter_slows_to_the_bound_as_fast_as_the_limits_let_it() -> None:

@@ -19,9 +19,8 @@ class EnergyConfig:
         lane_weight: w_base^lane; the paper does not give it.
         lane_hazard_gain: alpha_hazard of the lane weight; the paper does not give it.
         lane_scale: s_lane (Table II) [m].
-        lane_preview: The plan's target is the lane centre nearest to where its last heading leads
-            within this time [s], so that guidance does not undo a change of lane; 0 takes the
-            centre nearest to each predicted offset.
+        lane_preview: T [s]: the offset is judged where the heading leads within this time, so that
+            guidance neither swings nor undoes a change of lane; 0 judges the offset itself.
         clearance_weight: w_base^lidar; the paper does not give it.
         safe_clearance: d_safe^plan [m]; the trigger distance of Table II.
         clearance_scale: s_lidar (Table II) [m].
@@ -41,7 +40,7 @@ class EnergyConfig:
     lane_weight: float = 1.0
     lane_hazard_gain: float = 1.0
     lane_scale: float = 0.5
-    lane_preview: float = 2.0
+    lane_preview: float = 1.0
     clearance_weight: float = 1.0
     safe_clearance: float = 3.0
     clearance_scale: float = 2.0

@@ -14,8 +14,10 @@ from shield import ActuatorLimits
 class LaneEnergy(Energy):
     r"""Mean over the roll-out of :math:`w_{lane} ((e_i - c) / s_{lane})^2`.
 
-    e_i is the predicted lateral offset and c the admissible lane centre that the plan makes for;
-    :math:`w_{lane} = w_{base} (1 + \alpha_{hazard} h_t)`.
+    :math:`e_i = d_i + T v_i \sin\psi_i` is the lateral offset that the car would have a preview
+    time T after step i if it kept its heading: the error of a driver who looks ahead, which damps
+    what the offset alone would make swing. c is the admissible lane centre nearest to where the
+    plan's end leads; :math:`w_{lane} = w_{base} (1 + \alpha_{hazard} h_t)`.
     """
 
     name = "lane"
@@ -34,7 +36,7 @@ class LaneEnergy(Energy):
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        lane = self.context.lane
+        lane, preview = self.context.lane, self.config.lane_preview
         road = RoadRollout.of(
             plans.commands,
             self.limits.wheelbase,
@@ -44,21 +46,20 @@ class LaneEnergy(Energy):
             curvature=lane.curvature,
             curvature_rate=lane.curvature_rate,
         )
-        error = road.offset - self._targets(road, plans.commands)
+        seen = preview * plans.commands[..., 1]
+        drift = np.sin(road.heading)
+        place = road.offset + seen * drift
+        error = place - self._nearest_centre(place[:, -1:])
         factor = self._weight / (error.shape[1] * self.config.lane_scale**2)
         value = factor * np.einsum("bh,bh->b", error, error)
         error *= 2.0 * factor
-        return value, self._per_action(road.pull_back(error))
+        gradient = road.pull_back(error, error * seen * np.cos(road.heading))
+        gradient[..., 1] += preview * error * drift
+        return value, self._per_action(gradient)
 
-    def _targets(self, road: RoadRollout, commands: Array) -> Array:
-        """Lane centre that each plan makes for, (B, 1) or (B, H); constant for the gradient."""
-        preview = self.config.lane_preview
-        if preview > 0.0:
-            ahead = np.sin(road.heading[:, -1:]) * commands[:, -1:, 1] * preview
-            position = road.offset[:, -1:] + ahead
-        else:
-            position = road.offset
-        nearest: Array = self._centres[np.abs(position[..., None] - self._centres).argmin(axis=-1)]
+    def _nearest_centre(self, place: Array) -> Array:
+        """The admissible lane centre nearest to a place (B, 1); constant for the gradient."""
+        nearest: Array = self._centres[np.abs(place[..., None] - self._centres).argmin(axis=-1)]
         return nearest
 
 

@@ -128,21 +128,20 @@ def torch_commands(actions: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
 
 
 def torch_lane(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tensor:  # type: ignore[no-untyped-def]
-    """Mean square of the predicted offset from the lane that the plan makes for."""
+    """Mean square of where the heading leads, from the lane that the plan's end makes for."""
     e, psi, s = (
         torch.tensor(value, dtype=torch.float64)
         for value in (scene.lane.lateral_offset, scene.lane.heading_error, 0.0)
     )
-    offsets = []
+    places = []
     for bend, speed in zip(*torch_commands(actions), strict=True):
         run = speed * LIMITS.dt
         relative = (bend - scene.lane.curvature - scene.lane.curvature_rate * (s + 0.5 * run)) * run
         e = e + run * torch.sin(psi + 0.5 * relative)
         psi, s = psi + relative, s + run
-        offsets.append(e)
-    preview = offsets[-1] + config.lane_preview * speed * psi.sin()
-    target = min(scene.lane_centres, key=lambda one: abs(float(preview.detach()) - one))
-    off = torch.stack(offsets) - target
+        places.append(e + config.lane_preview * speed * psi.sin())
+    target = min(scene.lane_centres, key=lambda one: abs(float(places[-1].detach()) - one))
+    off = torch.stack(places) - target
     return config.lane_weight * (off / config.lane_scale).square().mean()
 
 
