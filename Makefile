@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 ARGS   ?=
 
-.PHONY: train test lint evaluate clean
+.PHONY: train test lint evaluate table clean
 .DELETE_ON_ERROR:
 
 $(VENV)/installed: pyproject.toml constraints.txt
@@ -18,6 +18,9 @@ train: $(VENV)/installed            ## train, evaluate, draw: make train ARGS="p
 
 evaluate: $(VENV)/installed         ## make evaluate ARGS="policy=expert episodes=100"
 	$(BIN)/python -m irl_dal.evaluate $(ARGS)
+
+table: $(VENV)/installed            ## the README's table from results/
+	$(BIN)/python -m irl_dal.report runs=results page=README.md $(ARGS)
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .

@@ -2,6 +2,7 @@
 
 python -m irl_dal.train [preset=paper|smoke] [variant=NAME] [seed=N] [resume=DIR]
 [group.key=value ...]
+python -m irl_dal.train -m variant=NAME,NAME seed=0,1 'run_dir=runs/sweep/${variant}-seed${seed}'
 """
 
 from __future__ import annotations
@@ -10,6 +11,8 @@ from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
+from hydra.core.hydra_config import HydraConfig
+from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
 
@@ -39,6 +42,9 @@ def main() -> None:
 def _main(composed: DictConfig) -> None:
     console = Console()
     folder = _new(composed) if composed.resume is None else _earlier(composed)
+    if composed.resume is None and folder.evaluation.is_file():
+        console.print(f"finished already: {folder.path}")
+        return
     try:
         _train(folder, console)
         show_run(folder, console)
@@ -48,9 +54,15 @@ def _main(composed: DictConfig) -> None:
 
 
 def _new(composed: DictConfig) -> RunFolder:
+    """A new run, or, in a sweep, the run that the same sweep began before it was interrupted."""
     config = parse(composed)
     given = composed.run_dir
     path = default_run_dir(config, datetime.now()) if given is None else Path(str(given))
+    if HydraConfig.get().mode is RunMode.MULTIRUN and path.exists():
+        folder = open_run("run_dir", path)
+        if folder.config != config:
+            raise ConfigError(f"run_dir = {str(path)!r}: began with another configuration")
+        return folder
     return create_run(path, config)
 
 

@@ -20,7 +20,7 @@ PROBE = """
 <script>
 addEventListener("load", async () => {
   const film = document.querySelector("video");
-  if (!film.error && film.readyState < 2)
+  if (film && !film.error && film.readyState < 2)
     await new Promise(done => { film.onloadeddata = done; film.onerror = done; });
   const drawn = box => box.width > 0 && box.height >= 0;
   const figures = [...document.querySelectorAll("figure")].map(figure => {

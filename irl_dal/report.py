@@ -1,0 +1,106 @@
+"""Put any set of runs into the paper's table.
+
+python -m irl_dal.report runs=DIR [out=DIR] [page=README.md]
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+from omegaconf import DictConfig
+from rich.console import Console
+
+from irl_dal.command import run_command
+from irl_dal.comparison.style import picture
+from irl_dal.config import ConfigError
+from irl_dal.evaluation.report import write_json
+from irl_dal.sweep.collection import Collection, collect
+from irl_dal.sweep.figures import draw_dynamics, draw_overlay, draw_scores
+from irl_dal.sweep.findings import findings
+from irl_dal.sweep.page import Shown, write_page
+from irl_dal.sweep.result import write_result
+from irl_dal.sweep.table import Numbers, markdown_table, numbers, printed_tables, put_into
+
+__all__ = ["main"]
+
+
+def main() -> None:
+    """Entry point of the command."""
+    run_command(_main, "report")
+
+
+def _main(composed: DictConfig) -> None:
+    if composed.runs is None:
+        raise ConfigError("runs = None: name a folder of runs or of results")
+    out = None if composed.out is None else Path(str(composed.out))
+    if out is not None and out.is_file():
+        raise ConfigError(f"out = {str(out)!r}: is a file")
+    console = Console()
+    collection = collect(Path(str(composed.runs)), console)
+    for path in collection.unfinished:
+        console.print(f"not finished, left out: {path}", soft_wrap=True)
+    if not collection.results:
+        raise ConfigError(f"runs = {str(composed.runs)!r}: no run is finished")
+    rng = np.random.default_rng(int(composed.seed))
+    found = numbers(collection, rng)
+    for table in printed_tables(collection, found):
+        console.print(table)
+    for sentence in findings(collection, found):
+        console.print(sentence)
+    if composed.page is not None:
+        put_into(Path(str(composed.page)), markdown_table(collection, found))
+    if out is not None:
+        with console.status("drawing"):
+            _write(out, collection, found, rng)
+        console.print(f"written to {out / 'index.html'}", soft_wrap=True)
+
+
+def _write(out: Path, collection: Collection, found: Numbers, rng: np.random.Generator) -> None:
+    """Results, numbers, pictures and the page."""
+    for result in collection.results:
+        write_result(result, out / "results" / f"{result.name}.json")
+    write_json(
+        out / "report.json",
+        {
+            variant: {"runs": len(collection.of(variant))}
+            | {key: asdict(one) for key, one in estimates.items()}
+            for variant, estimates in found.items()
+        },
+    )
+    figures = _figures(collection, found, rng)
+    folder = out / "figures"
+    folder.mkdir(parents=True, exist_ok=True)
+    for shown in figures:
+        picture(shown.figure, str(folder / f"{shown.name}.png"))
+    write_page(out / "index.html", collection, found, figures)
+
+
+def _figures(collection: Collection, found: Numbers, rng: np.random.Generator) -> tuple[Shown, ...]:
+    return (
+        Shown(
+            "scores",
+            draw_scores(collection, found),
+            "Every number of the table",
+            "Diamonds: interquartile mean over the runs; bars: 95 % stratified bootstrap interval; "
+            "dots: single runs.",
+        ),
+        Shown(
+            "dynamics",
+            draw_dynamics(collection, collection.boundary, rng),
+            "Training dynamics",
+            "Interquartile mean and 95 % interval over the runs, running mean of five rows. "
+            "Dashed: the policy begins to drive.",
+        ),
+        Shown(
+            "overlay",
+            draw_overlay(collection),
+            "One bend, every variant",
+            "The first run of each variant in the same episode; a cross where a drive ended early.",
+        ),
+    )
+
+
+if __name__ == "__main__":
+    main()

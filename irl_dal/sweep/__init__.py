@@ -1,0 +1,1 @@
+"""Many runs together: one result per run, their statistics, table, figures and page."""

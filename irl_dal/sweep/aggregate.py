@@ -1,0 +1,111 @@
+"""From runs to numbers of a variant: interquartile mean and stratified bootstrap over the runs.
+
+Agarwal et al., Deep reinforcement learning at the edge of the statistical precipice, 2021
+(doi:10.48550/arXiv.2108.13264), with their library `rliable`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from rliable.library import get_interval_estimates
+from rliable.metrics import aggregate_iqm
+
+from irl_dal.evaluation.statistics import CONFIDENCE, Estimate
+from irl_dal.sweep.result import RunResult
+
+__all__ = ["Band", "across_runs", "band"]
+
+Array = NDArray[np.float64]
+
+RESAMPLES = 2000
+BAND_RESAMPLES = 400
+
+
+@dataclass(frozen=True, slots=True)
+class Band:
+    """A curve over the steps of a training, all arrays (S,).
+
+    Attributes:
+        steps: Environment steps.
+        middle: Interquartile mean over the runs.
+        low: Lower end of its interval; the same as `middle` for a single run.
+        high: Upper end.
+    """
+
+    steps: Array
+    middle: Array
+    low: Array
+    high: Array
+
+
+def across_runs(results: Sequence[RunResult], metric: str, rng: np.random.Generator) -> Estimate:
+    """Interquartile mean of a metric over runs, with its 95 % interval.
+
+    Args:
+        results: Runs of one variant.
+        metric: Key of an evaluation's report.
+        rng: Source of the resampling.
+
+    Returns:
+        Without an interval for a single run; all None where no run has the metric.
+    """
+    known = [result.evaluation.get(metric) for result in results]
+    scores = np.array([value for value in known if value is not None], np.float64)
+    if not len(scores):
+        return Estimate()
+    middle, low, high = _interquartile(scores[:, None], RESAMPLES, rng)
+    if len(scores) == 1:
+        return Estimate(float(middle[0]))
+    return Estimate(float(middle[0]), float(low[0]), float(high[0]))
+
+
+def band(results: Sequence[RunResult], column: str, rng: np.random.Generator) -> Band | None:
+    """A column of the metrics over the steps at which every run has a value; None without any."""
+    tables = [
+        {
+            step: value
+            for step, value in zip(run.steps, run.curves[column], strict=True)
+            if value is not None
+        }
+        for run in results
+    ]
+    steps = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
+    if not steps:
+        return None
+    values = np.array([[table[step] for step in steps] for table in tables], np.float64)
+    middle, low, high = _interquartile(values, BAND_RESAMPLES, rng)
+    return Band(np.array(steps, np.float64), middle, low, high)
+
+
+def _interquartile(
+    scores: Array, resamples: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Interquartile means of the columns of (runs, S), and their intervals' ends: three (S,)."""
+
+    def means(table: Array) -> Array:
+        return np.array([aggregate_iqm(column[:, None]) for column in table.T])
+
+    if len(scores) == 1:
+        return scores[0], scores[0], scores[0]
+    with _seeded(rng):
+        middles, intervals = get_interval_estimates(
+            {"runs": scores}, means, reps=resamples, confidence_interval_size=CONFIDENCE
+        )
+    low, high = intervals["runs"]
+    return middles["runs"], low, high
+
+
+@contextmanager
+def _seeded(rng: np.random.Generator) -> Iterator[None]:
+    """Lend numpy's global generator, which `rliable` draws from, a seed of ours."""
+    state = np.random.get_state()
+    np.random.seed(int(rng.integers(2**32)))
+    try:
+        yield
+    finally:
+        np.random.set_state(state)

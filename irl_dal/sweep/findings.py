@@ -1,0 +1,68 @@
+"""What a report found, in sentences made of its numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from irl_dal.sweep.collection import ORDER, Collection
+from irl_dal.sweep.result import RunResult
+from irl_dal.sweep.table import LABELS, Numbers
+
+__all__ = ["findings", "interventions"]
+
+
+def findings(collection: Collection, found: Numbers) -> list[str]:
+    """The order of the variants, and how interventions went."""
+    sentences = [
+        _order(found, "success", "success", rising=True),
+        _order(found, "collisions_per_1k_steps", "collisions", rising=False),
+    ]
+    for variant in collection.variants:
+        shares = interventions(collection.of(variant))
+        if shares is not None and shares[0] > 0.0:
+            early, late = shares
+            way = "fall" if late < early else "do not fall"
+            sentences.append(
+                f"{LABELS.get(variant, variant)}: interventions {way} over the mixed phase, from "
+                f"{early:.1%} of the steps in its first third to {late:.1%} in its last."
+            )
+    return [sentence for sentence in sentences if sentence]
+
+
+def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
+    """Share of steps with the planner on, in the first and in the last third of the mixed phase.
+
+    None where nothing was logged.
+    """
+    thirds = []
+    for run in runs:
+        steps = np.array(run.steps)
+        rate = np.array([value or 0.0 for value in run.curves["rollout/intervention_rate"]])
+        mixed = rate[steps > (run.origin.get("imitation_steps") or 0)]
+        if len(mixed) >= 3:
+            third = len(mixed) // 3
+            thirds.append((mixed[:third].mean(), mixed[-third:].mean()))
+    if not thirds:
+        return None
+    early, late = np.mean(thirds, axis=0).tolist()
+    return early, late
+
+
+def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
+    """Whether the variants of the paper are in its order."""
+    names = [name for name in ORDER if name in found and name != "paper"]
+    values = [found[name][key].value for name in names]
+    if len(names) < 2 or any(value is None for value in values):
+        return ""
+    numbers = [value if value is not None else math.nan for value in values]
+    wrong = [
+        f"{LABELS[after]} behind {LABELS[before]}"
+        for before, after, one, two in zip(names, names[1:], numbers, numbers[1:], strict=False)
+        if (two < one if rising else two > one)
+    ]
+    if not wrong:
+        return f"By {words} the variants are in the paper's order."
+    return f"By {words} the variants are not in the paper's order: {', '.join(wrong)}."

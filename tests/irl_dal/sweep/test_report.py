@@ -1,0 +1,253 @@
+"""From runs to the paper's table."""
+
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from scipy.stats import trim_mean
+
+from irl_dal import report, train
+from irl_dal.config import ConfigError
+from irl_dal.sweep.aggregate import across_runs, band
+from irl_dal.sweep.collection import Collection, collect
+from irl_dal.sweep.findings import findings, interventions
+from irl_dal.sweep.result import RunResult, read_result, write_result
+from irl_dal.sweep.table import numbers
+
+from ..comparison.test_page import CHROMIUM, opened
+from ..test_commands import TINY
+
+Call = Callable[..., str]
+
+
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a sweep over two variants."""
+    folder = tmp_path_factory.mktemp("sweep")
+    sweep(folder)
+    return folder / "runs"
+
+
+def sweep(folder: Path, *more: str) -> None:
+    """Train two tiny variants with one command."""
+    arguments = ("-m", *TINY, "variant=ppo_uniform,shielded", "seed=0")
+    place = "run_dir=" + str(folder / "runs") + "/${variant}-seed${seed}"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        patch.setattr(sys, "argv", ["train", *arguments, place, *more])
+        train.main()
+
+
+@pytest.fixture
+def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
+    """Runs the command; what it printed, or its one line of complaint."""
+
+    def run(*arguments: str) -> str:
+        monkeypatch.setattr(sys, "argv", ["report", *arguments])
+        capsys.readouterr()
+        try:
+            report.main()
+        except SystemExit as end:
+            assert end.code == 2
+            return capsys.readouterr().err
+        return capsys.readouterr().out
+
+    return run
+
+
+@pytest.fixture(scope="module")
+def result(swept: Path, tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """A run's result, as it is read back."""
+    found = collect(swept).of("shielded")[0]
+    path = tmp_path_factory.mktemp("result") / "one.json"
+    write_result(found, path)
+    assert read_result(path) == found
+    return found
+
+
+def runs_of(result: RunResult, variant: str, successes: list[float]) -> tuple[RunResult, ...]:
+    """Runs that differ in their success."""
+    return tuple(
+        replace(
+            result, variant=variant, seed=seed, evaluation={**result.evaluation, "success": value}
+        )
+        for seed, value in enumerate(successes)
+    )
+
+
+def test_a_sweep_trains_every_combination_and_goes_on(
+    swept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The second call finds both runs finished and touches nothing."""
+    times = {path: path.stat().st_mtime_ns for path in swept.rglob("*.csv")}
+    assert {path.parent.name for path in times} == {"ppo_uniform-seed0", "shielded-seed0"}
+    capsys.readouterr()
+    sweep(swept.parent)
+    assert capsys.readouterr().out.count("finished already") == 2
+    assert times == {path: path.stat().st_mtime_ns for path in swept.rglob("*.csv")}
+
+
+def test_a_sweep_does_not_go_on_with_another_configuration(
+    swept: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A changed number would mix two configurations in one run."""
+    with pytest.raises(SystemExit) as end:
+        sweep(swept.parent, "env.lidar_noise=0.5")
+    assert end.value.code == 2
+    assert "another configuration" in capsys.readouterr().err
+
+
+def test_the_command_writes_table_results_and_page(swept: Path, call: Call, tmp_path: Path) -> None:
+    """The table is printed; results reproduce it without the runs."""
+    page = tmp_path / "README.md"
+    page.write_text("before\n<!-- table: begin -->\nold\n<!-- table: end -->\nafter\n")
+    out = tmp_path / "out"
+    printed = call(f"runs={swept}", f"out={out}", f"page={page}")
+    assert "PPO, uniform replay" in printed and "78.1" in printed
+    text = page.read_text()
+    assert text.startswith("before\n") and text.endswith("after\n") and "old" not in text
+    assert "| + projection, shield | 1 |" in text
+    again = call(f"runs={out / 'results'}", f"page={page}")
+    assert page.read_text() == text
+    assert again.splitlines()[0] == printed.splitlines()[0]
+    numbers_ = json.loads((out / "report.json").read_text())
+    assert numbers_["shielded"]["command_violation_rate"]["value"] == 0.0
+    assert {path.name for path in (out / "figures").iterdir()} == {
+        "scores.png",
+        "dynamics.png",
+        "overlay.png",
+    }
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium")
+def test_a_browser_draws_the_page(swept: Path, call: Call, tmp_path: Path) -> None:
+    """Every figure with its marks, nothing on the console, no other file needed."""
+    call(f"runs={swept}", f"out={tmp_path}")
+    page = (tmp_path / "index.html").read_text()
+    assert not re.search(r"""(?:src|href)\s*=\s*["'](?!data:|#)""", page)
+    figures, console = opened(page, tmp_path)
+    assert console == []
+    assert set(figures) == {"scores", "dynamics", "overlay"}
+    assert min(figures.values()) > 40, figures
+
+
+def test_the_interquartile_mean_is_that_of_the_middle_half(result: RunResult) -> None:
+    """One bad run of five does not enter; the interval holds the value and depends on the seed."""
+    successes = [0.2, 0.9, 0.95, 1.0, 0.97]
+    runs = runs_of(result, "shielded", successes)
+    one = across_runs(runs, "success", np.random.default_rng(0))
+    assert one.value == pytest.approx(trim_mean(successes, 0.25)) == pytest.approx(0.94)
+    assert one.low is not None and one.high is not None and one.low < one.value < one.high
+    assert one == across_runs(runs, "success", np.random.default_rng(0))
+    state = np.random.get_state()[1]
+    across_runs(runs, "success", np.random.default_rng(1))
+    assert np.array_equal(state, np.random.get_state()[1])
+
+
+def test_one_run_has_no_interval_and_a_missing_number_is_none(result: RunResult) -> None:
+    """Neither is an error."""
+    runs = runs_of(result, "paper", [0.5])
+    one = across_runs(runs, "success", np.random.default_rng(0))
+    assert (one.value, one.low, one.high) == (0.5, None, None)
+    assert across_runs(runs, "no_such_number", np.random.default_rng(0)).value is None
+
+
+def test_a_band_keeps_the_steps_at_which_every_run_has_a_value(result: RunResult) -> None:
+    """A hole in one run is a hole in the band."""
+    first = replace(result, steps=[1, 2, 3], curves={"bc/loss": [1.0, None, 3.0]})
+    second = replace(result, seed=1, steps=[1, 2, 3], curves={"bc/loss": [3.0, 2.0, 5.0]})
+    found = band([first, second], "bc/loss", np.random.default_rng(0))
+    assert found is not None
+    assert found.steps.tolist() == [1.0, 3.0] and found.middle.tolist() == [2.0, 4.0]
+    empty = replace(result, curves={"bc/loss": [None] * len(result.steps)})
+    assert band([empty], "bc/loss", np.random.default_rng(0)) is None
+
+
+def test_the_findings_say_who_is_out_of_order(result: RunResult) -> None:
+    """The paper's order holds, or the page says where it does not."""
+    rng = np.random.default_rng(0)
+    good = runs_of(result, "irl_dal", [0.8]) + runs_of(result, "shielded", [0.9])
+    said = " ".join(findings(c := Collection(good, ()), numbers(c, rng)))
+    assert "By success the variants are in the paper's order." in said
+    bad = runs_of(result, "irl_dal", [0.9]) + runs_of(result, "shielded", [0.8])
+    said = " ".join(findings(c := Collection(bad, ()), numbers(c, rng)))
+    assert "not in the paper's order: + projection, shield behind + LAM + SAEC" in said
+
+
+def test_interventions_are_those_of_the_mixed_phase(result: RunResult) -> None:
+    """What comes before it does not count."""
+    run = replace(
+        result,
+        origin={**result.origin, "imitation_steps": 10},
+        steps=[5, 10, 15, 20, 25],
+        curves={"rollout/intervention_rate": [0.9, 0.9, 0.6, None, 0.2]},
+    )
+    assert interventions([run]) == (0.6, 0.2)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "complaint"),
+    [
+        ((), "runs = None"),
+        (("runs=/nowhere",), "no such folder"),
+        (("runs={tmp}",), "neither runs nor results"),
+        (("runs={runs}", "page={tmp}/no.md"), "no such file"),
+        (("runs={runs}", "page={tmp}/bare.md"), "lacks <!-- table: begin -->"),
+    ],
+)
+def test_mistakes_get_one_line(
+    swept: Path, call: Call, tmp_path: Path, arguments: tuple[str, ...], complaint: str
+) -> None:
+    """That names what is wrong."""
+    folder = tmp_path / "empty"
+    folder.mkdir()
+    (folder / "bare.md").write_text("nothing here")
+    asked = [one.format(tmp=folder, runs=swept) for one in arguments]
+    if complaint.startswith("neither"):
+        (folder / "bare.md").unlink()
+    printed = call(*asked)
+    assert complaint in printed and len(printed.splitlines()) == 1
+
+
+def test_what_does_not_belong_together_is_refused(result: RunResult, tmp_path: Path) -> None:
+    """Twice the same run, other episodes, a file that is no result."""
+    write_result(result, tmp_path / "a.json")
+    write_result(result, tmp_path / "b.json")
+    with pytest.raises(ConfigError, match="is shielded-seed0, as"):
+        collect(tmp_path)
+    write_result(replace(result, seed=1, first_seed=7), tmp_path / "b.json")
+    with pytest.raises(ConfigError, match="episodes from seed"):
+        collect(tmp_path)
+    (tmp_path / "b.json").write_text('{"format": 99}')
+    with pytest.raises(ConfigError, match="result format 99"):
+        collect(tmp_path)
+    (tmp_path / "b.json").write_text("half a fi")
+    with pytest.raises(ConfigError, match="is damaged"):
+        collect(tmp_path)
+
+
+def test_an_unfinished_run_is_left_out_and_named(swept: Path, call: Call, tmp_path: Path) -> None:
+    """It has no evaluation yet."""
+    for name in ("ppo_uniform-seed0", "shielded-seed0"):
+        shutil.copytree(swept / name, tmp_path / name)
+    (tmp_path / "ppo_uniform-seed0" / "evaluation.json").unlink()
+    printed = call(f"runs={tmp_path}")
+    assert "not finished, left out" in printed and "+ projection, shield" in printed
+    assert "PPO" not in printed
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+def test_a_sweep_runs_on_a_local_ray_cluster(tmp_path: Path) -> None:
+    """Two variants with two seeds each; extra `cluster`."""
+    pytest.importorskip("ray")
+    sweep(tmp_path, "seed=0,1", "hydra/launcher=ray", "+hydra.launcher.ray.init.num_cpus=2")
+    assert len(collect(tmp_path / "runs").results) == 4
