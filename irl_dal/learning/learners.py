@@ -15,7 +15,6 @@ from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
 from irl_dal.learning.policy import observation_tensors
 from irl_dal.learning.ppo import DrivingPPO, driving_policy
-from irl_dal.threads import all_threads
 
 __all__ = ["Learners"]
 
@@ -59,8 +58,7 @@ class Learners:
         if self.replay.count() == 0:
             return
         record = self.ppo.logger.record
-        with all_threads():
-            record("bc/train_loss", self.cloning.update(self._cloning_batch, steps))
+        record("bc/train_loss", self.cloning.update(self._cloning_batch, steps))
         held_out = self.cloning.validate(self.replay, self._rng)
         if held_out is not None:
             self.cloning.plateau(held_out.loss)

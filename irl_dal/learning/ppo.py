@@ -27,7 +27,6 @@ from torch import Tensor
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, policy_arguments
 from irl_dal.perception import PerceptionConfig
-from irl_dal.threads import all_threads
 
 __all__ = ["ActorRate", "DrivingPPO", "build_ppo", "divergence"]
 
@@ -79,8 +78,7 @@ class DrivingPPO(PPO):
         policy = driving_policy(self)
         seen = self._some_observations()
         before = _gaussian(policy, seen)
-        with all_threads():
-            super().train()
+        super().train()
         measured = divergence(before, _gaussian(policy, seen))
         self.logger.record("train/divergence", measured)
         self.logger.record("train/actor_rate", self.actor_rate.value)
