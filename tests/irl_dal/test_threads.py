@@ -1,0 +1,20 @@
+"""Who computes on how many threads."""
+
+import torch
+from threadpoolctl import threadpool_info
+
+from irl_dal.threads import one_thread
+
+
+def blas_threads() -> set[int]:
+    """What numpy's libraries may use."""
+    return {pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"}
+
+
+def test_driving_takes_one_thread_and_gives_the_others_back() -> None:
+    """In torch and in numpy."""
+    before = torch.get_num_threads(), blas_threads()
+    with one_thread():
+        assert torch.get_num_threads() == 1
+        assert blas_threads() <= {1}
+    assert (torch.get_num_threads(), blas_threads()) == before
