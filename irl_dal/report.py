@@ -13,13 +13,13 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from irl_dal.command import run_command
-from irl_dal.comparison.style import picture
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.report import write_json
+from irl_dal.pages import Shown, write_pictures
 from irl_dal.sweep.collection import Collection, collect
 from irl_dal.sweep.figures import draw_dynamics, draw_overlay, draw_scores
 from irl_dal.sweep.findings import findings
-from irl_dal.sweep.page import Shown, write_page
+from irl_dal.sweep.page import write_page
 from irl_dal.sweep.result import write_result
 from irl_dal.sweep.table import Numbers, markdown_table, numbers, printed_tables, put_into
 
@@ -70,10 +70,7 @@ def _write(out: Path, collection: Collection, found: Numbers, rng: np.random.Gen
         },
     )
     figures = _figures(collection, found, rng)
-    folder = out / "figures"
-    folder.mkdir(parents=True, exist_ok=True)
-    for shown in figures:
-        picture(shown.figure, str(folder / f"{shown.name}.png"))
+    write_pictures(figures, out / "figures")
     write_page(out / "index.html", collection, found, figures)
 
 

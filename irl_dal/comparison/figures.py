@@ -10,19 +10,35 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from irl_dal.comparison.style import GREY, MODE_COLOURS, drawing
 from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, Column
 from irl_dal.comparison.trace import DenoisingTrace
 from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
+from irl_dal.pages import GREY, drawing
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
 from irl_dal.planner.rollout import EgoRollout
 from shield import ActuatorLimits
 
-__all__ = ["draw_commands", "draw_denoising", "draw_differences", "draw_numbers", "draw_paths"]
+__all__ = [
+    "MODE_COLOURS",
+    "draw_commands",
+    "draw_denoising",
+    "draw_differences",
+    "draw_numbers",
+    "draw_paths",
+]
 
 Array = NDArray[np.float64]
+
+MODE_COLOURS = {
+    "none": "#e573a5",
+    "final": "#f2a007",
+    "x0": "#1f77d0",
+    "xt": "#7e57c2",
+    "adaptive": "#00897b",
+}
+"""One colour per projection mode, in every figure."""
 
 SHOWN = (
     "command_violation_rate",

@@ -4,16 +4,12 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader, StrictUndefined
-from markupsafe import Markup
-from matplotlib.figure import Figure
-
 from irl_dal.comparison.arms import Arm
 from irl_dal.comparison.figures import (
+    MODE_COLOURS,
     draw_commands,
     draw_denoising,
     draw_differences,
@@ -21,29 +17,14 @@ from irl_dal.comparison.figures import (
     draw_paths,
 )
 from irl_dal.comparison.film import film_pair
-from irl_dal.comparison.style import MODE_COLOURS, picture, to_svg
 from irl_dal.comparison.table import ACTIVATIONS, RIDE_COLUMNS, SAFETY_COLUMNS, STATE_COLUMNS, cell
 from irl_dal.comparison.trace import telling_context, trace_plan
 from irl_dal.comparison.verdict import champion, findings
 from irl_dal.comparison.work import Subject, arm_bench
 from irl_dal.evaluation.episode import Episode
+from irl_dal.pages import Shown, render, write_pictures
 
 __all__ = ["render_page", "write_page"]
-
-
-@dataclass(frozen=True, slots=True)
-class _Shown:
-    """A figure with its words."""
-
-    name: str
-    figure: Figure
-    title: str
-    caption: str
-
-    @property
-    def svg(self) -> Markup:
-        """For the page; matplotlib's own drawing, nothing of a user's."""
-        return Markup(to_svg(self.figure, self.name))
 
 
 def write_page(subject: Subject, report: Mapping[str, Any]) -> None:
@@ -55,17 +36,14 @@ def write_page(subject: Subject, report: Mapping[str, Any]) -> None:
     figures = [*_plan_figures(subject, report), *_number_figures(report)]
     if drives:
         figures.insert(2, _command_figure(subject, drives))
-    folder = subject.store.folder / "figures"
-    folder.mkdir(parents=True, exist_ok=True)
-    for shown in figures:
-        picture(shown.figure, str(folder / f"{shown.name}.png"))
+    write_pictures(figures, subject.store.folder / "figures")
     page = render_page(report, figures, film)
     partial = subject.store.page.with_name(".index.html.part")
     partial.write_text(page, encoding="utf-8")
     partial.replace(subject.store.page)
 
 
-def render_page(report: Mapping[str, Any], figures: Sequence[_Shown], film: Path | None) -> str:
+def render_page(report: Mapping[str, Any], figures: Sequence[Shown], film: Path | None) -> str:
     """Fill the template.
 
     Args:
@@ -73,15 +51,11 @@ def render_page(report: Mapping[str, Any], figures: Sequence[_Shown], film: Path
         figures: In their order.
         film: WebM file that is embedded; None without one.
     """
-    environment = Environment(
-        loader=PackageLoader("irl_dal.comparison"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
     video = None if film is None else base64.b64encode(film.read_bytes()).decode("ascii")
-    return environment.get_template("page.html.j2").render(
+    return render(
+        "irl_dal.comparison",
+        "page.html.j2",
+        figures,
         report=report,
         findings=findings(report),
         activations=ACTIVATIONS,
@@ -90,7 +64,6 @@ def render_page(report: Mapping[str, Any], figures: Sequence[_Shown], film: Path
         state_columns=STATE_COLUMNS,
         cell=cell,
         colours=MODE_COLOURS,
-        figures=figures,
         video=video,
     )
 
@@ -117,10 +90,10 @@ def _drives(
     return [(title, arm.projection, log) for title, arm, log in arms], film
 
 
-def _command_figure(subject: Subject, drives: Sequence[tuple[str, str, Episode]]) -> _Shown:
+def _command_figure(subject: Subject, drives: Sequence[tuple[str, str, Episode]]) -> Shown:
     figure = draw_commands(drives, subject.config.limits, subject.comparison.film_duration)
     words = ACTIVATIONS[subject.comparison.activations[-1]]
-    return _Shown(
+    return Shown(
         "commands",
         figure,
         "Steering and speed against their bounds",
@@ -130,7 +103,7 @@ def _command_figure(subject: Subject, drives: Sequence[tuple[str, str, Episode]]
     )
 
 
-def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[_Shown]:
+def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[Shown]:
     """One plan being denoised, and where its candidates lead."""
     first = subject.comparison.activations[0]
     arms = [Arm(first, "none", True), Arm(first, champion(report), True)]
@@ -140,7 +113,7 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[_Shown]:
     count = subject.comparison.candidates
     state = f"A risky state of seed {seed}, {count} plans, the same noise in both."
     return [
-        _Shown(
+        Shown(
             "denoising",
             draw_denoising(traces, context, limits),
             "One plan being denoised, without and with projection",
@@ -148,7 +121,7 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[_Shown]:
             "guidance and projection. Shaded: what box and rate leave from the last executed "
             "command on. Red dots: commands that break a bound.",
         ),
-        _Shown(
+        Shown(
             "paths",
             draw_paths(traces, context, limits),
             "Where these plans lead",
@@ -157,20 +130,20 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[_Shown]:
     ]
 
 
-def _number_figures(report: Mapping[str, Any]) -> list[_Shown]:
+def _number_figures(report: Mapping[str, Any]) -> list[Shown]:
     """Values and paired differences for each activation."""
     figures = []
     for activation in report["settings"]["activations"]:
         words = ACTIVATIONS[activation]
         figures += [
-            _Shown(
+            Shown(
                 f"numbers_{activation}",
                 draw_numbers(report, activation),
                 f"The arms side by side, {words}",
                 "Dots: values. Bars: 95 % bootstrap intervals over episodes. Filled: with the "
                 "shield; hollow: without.",
             ),
-            _Shown(
+            Shown(
                 f"differences_{activation}",
                 draw_differences(report, activation),
                 f"Paired differences from pure diffusion, {words}",

@@ -10,9 +10,9 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
 from numpy.typing import NDArray
 
-from irl_dal.comparison.style import GREY, drawing
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
+from irl_dal.pages import GREY, drawing
 from irl_dal.sweep.aggregate import band
 from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.result import OVERLAY_SEED

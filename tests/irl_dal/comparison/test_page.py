@@ -10,7 +10,7 @@ import pytest
 from matplotlib.figure import Figure
 
 from irl_dal.comparison.page import render_page
-from irl_dal.comparison.style import drawing, to_svg
+from irl_dal.pages import drawing, to_svg
 
 from .conftest import Compared
 

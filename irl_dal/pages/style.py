@@ -1,4 +1,4 @@
-"""How the page's figures look: vector drawings whose words the page colours."""
+"""How the figures of pages look: vector drawings whose words the page colours."""
 
 from __future__ import annotations
 
@@ -11,19 +11,10 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = ["MODE_COLOURS", "PNG", "drawing", "picture", "to_svg"]
+__all__ = ["GREY", "PNG", "drawing", "picture", "to_svg"]
 
 GREY = "#8a9099"
 """Of lines and ticks: readable on white and on black."""
-
-MODE_COLOURS = {
-    "none": "#e573a5",
-    "final": "#f2a007",
-    "x0": "#1f77d0",
-    "xt": "#7e57c2",
-    "adaptive": "#00897b",
-}
-"""One colour per projection mode, in every figure."""
 
 _LOOK: dict[Any, Any] = {
     "font.family": ["sans-serif"],
