@@ -17,6 +17,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from rich.box import SIMPLE_HEAD
 from rich.console import Console
 from rich.table import Table
 
@@ -80,7 +81,7 @@ def _bench(asked: argparse.Namespace, console: Console) -> None:
     if asked.episodes < 1:
         raise ValueError(f"--episodes must be at least 1. Got {asked.episodes}.")
     seeds = range(asked.first_seed, asked.first_seed + asked.episodes)
-    cities = {asked.track or asked.difficulty: city}
+    cities = {asked.difficulty if asked.track is None else Path(asked.track).stem: city}
     if asked.what == "faults":
         cities = {name: replace(city, faults=fault) for name, fault in FAULTS.items()}
     for who, (config, spec) in subjects.items():
@@ -122,7 +123,7 @@ def _speed(console: Console, config: CityConfig, rounds: int, steps: int) -> Non
 
 def _outcomes(groups: dict[str, list[Drive]], title: str) -> Table:
     """Success and its opposites, and how often the driver's own command broke a bound."""
-    table = Table(title=title)
+    table = Table(title=title, box=SIMPLE_HEAD, pad_edge=False)
     ends = ("success", "collision", "off_road", "timeout")
     for name in ("", "episodes", *ends, "own violations"):
         table.add_column(name, justify="right" if name else "left")
