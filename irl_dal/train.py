@@ -40,7 +40,8 @@ def main() -> None:
 
 
 def _main(composed: DictConfig) -> None:
-    console = Console()
+    # The runs of a sweep share a terminal: lines instead of bars that overwrite each other.
+    console = Console(force_terminal=False if _sweeping() else None)
     folder = _new(composed) if composed.resume is None else _earlier(composed)
     if composed.resume is None and folder.evaluation.is_file():
         console.print(f"finished already: {folder.path}")
@@ -53,12 +54,16 @@ def _main(composed: DictConfig) -> None:
         raise SystemExit(INTERRUPTED) from None
 
 
+def _sweeping() -> bool:
+    return HydraConfig.get().mode is RunMode.MULTIRUN
+
+
 def _new(composed: DictConfig) -> RunFolder:
     """A new run, or, in a sweep, the run that the same sweep began before it was interrupted."""
     config = parse(composed)
     given = composed.run_dir
     path = default_run_dir(config, datetime.now()) if given is None else Path(str(given))
-    if HydraConfig.get().mode is RunMode.MULTIRUN and path.exists():
+    if _sweeping() and path.exists():
         folder = open_run("run_dir", path)
         if folder.config != config:
             raise ConfigError(f"run_dir = {str(path)!r}: began with another configuration")

@@ -52,7 +52,7 @@ def collect(folder: Path, console: Console | None = None) -> Collection:
     """Read every run folder and every result file that lies in a folder.
 
     Args:
-        folder: Where to look; its subfolders too, one level down.
+        folder: Holds run folders, or result files.
         console: Where the progress bar goes.
 
     Raises:
@@ -61,7 +61,7 @@ def collect(folder: Path, console: Console | None = None) -> Collection:
     """
     if not folder.is_dir():
         raise ConfigError(f"runs = {str(folder)!r}: there is no such folder")
-    inside = sorted(folder.iterdir())
+    inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
     runs = [path for path in inside if (path / "run.json").is_file()]
     files = [path for path in inside if path.suffix == ".json" and path.name != "references.json"]
     if not runs and not files:
