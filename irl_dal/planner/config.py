@@ -53,7 +53,7 @@ class PlannerConfig:
     sampling_steps: int = 10
     eta: float = 0.0
     clip: float | None = 1.0
-    projection: ProjectionMode = "x0"
+    projection: ProjectionMode = "final"
     defect_threshold: float = 0.5
     candidates: int = 1
     deadline: float | None = None

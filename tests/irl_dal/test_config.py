@@ -51,7 +51,7 @@ def test_a_configuration_is_frozen() -> None:
         ("fsm_replay", "balanced", False, False, "off", "none", False),
         ("diffusion", "balanced", True, False, "off", "none", False),
         ("irl_dal", "balanced", True, True, "label", "none", False),
-        ("shielded", "balanced", True, True, "label", "x0", True),
+        ("shielded", "balanced", True, True, "label", "final", True),
         ("paper", "balanced", True, True, "paper", "none", False),
     ],
 )
