@@ -38,13 +38,13 @@ def test_a_small_step_lowers_the_energy() -> None:
 
 @pytest.mark.parametrize("careful", [True, False])
 def test_a_careful_end_never_raises_the_energy(careful: bool) -> None:
-    """In steep states the full last step does, the shortened one lowers it or is not taken."""
+    """A full last step too long for the valley does; a shortened one lowers it or is not taken."""
     rng = np.random.default_rng(4)
     raised = moved = 0
     for _ in range(60):
         scene = random_context(rng)
         energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
-        guidance = Guidance(energy, GuidanceConfig(careful_end=careful), last=9)
+        guidance = Guidance(energy, GuidanceConfig(scale=0.5, careful_end=careful), last=9)
         actions = chunks(rng, scene, 3)
         after = guidance.clean(actions, 9)
         assert guidance.energy_before is not None
