@@ -22,6 +22,7 @@ from irl_dal.comparison.trace import telling_context, trace_plan
 from irl_dal.comparison.verdict import champion, findings
 from irl_dal.comparison.work import Subject, arm_bench
 from irl_dal.evaluation.episode import Episode
+from irl_dal.files import write_text
 from irl_dal.pages import Shown, render, write_pictures
 
 __all__ = ["render_page", "write_page"]
@@ -37,10 +38,7 @@ def write_page(subject: Subject, report: Mapping[str, Any]) -> None:
     if drives:
         figures.insert(2, _command_figure(subject, drives))
     write_pictures(figures, subject.store.folder / "figures")
-    page = render_page(report, figures, film)
-    partial = subject.store.page.with_name(".index.html.part")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(subject.store.page)
+    write_text(subject.store.page, render_page(report, figures, film))
 
 
 def render_page(report: Mapping[str, Any], figures: Sequence[Shown], film: Path | None) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +11,7 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from irl_dal.evaluation.metrics import Value
+from irl_dal.files import write_text
 
 __all__ = ["evaluation_table", "write_json"]
 
@@ -97,11 +97,7 @@ def write_json(path: Path, content: Mapping[str, object]) -> None:
     Raises:
         ValueError: If a number is not finite.
     """
-    text = json.dumps(content, indent=2, allow_nan=False) + "\n"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".{path.name}.{os.getpid()}")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def _number(value: Value, row: _Row) -> str:

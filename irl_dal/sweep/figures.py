@@ -16,7 +16,7 @@ from irl_dal.pages import GREY, drawing
 from irl_dal.sweep.aggregate import band
 from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.result import OVERLAY_SEED
-from irl_dal.sweep.table import COLUMNS, LABELS, Numbers
+from irl_dal.sweep.table import COLUMNS, Numbers, label
 
 __all__ = ["VARIANT_COLOURS", "draw_dynamics", "draw_overlay", "draw_scores"]
 
@@ -81,7 +81,7 @@ def draw_scores(collection: Collection, found: Numbers) -> Figure:
             one.set_yticks(range(len(variants)), [])
             one.set_ylim(-0.6, len(variants) - 0.4)
         for one in axes[:: len(axes) // 2]:
-            names = [LABELS.get(variant, variant) for variant in reversed(variants)]
+            names = [label(variant) for variant in reversed(variants)]
             one.set_yticks(range(len(variants)), names)
         for one in axes[len(COLUMNS) :]:
             one.remove()
@@ -104,8 +104,8 @@ def draw_overlay(collection: Collection) -> Figure:
             first = collection.of(variant)[0]
             path = np.array(first.path)
             colour = VARIANT_COLOURS.get(variant, GREY)
-            label = LABELS.get(variant, variant) + ("" if first.arrived else ", did not arrive")
-            axes.plot(*path.T, color=colour, linewidth=1.8, label=label)
+            words = label(variant) + ("" if first.arrived else ", did not arrive")
+            axes.plot(*path.T, color=colour, linewidth=1.8, label=words)
             if not first.arrived:
                 axes.plot(*path[-1], marker="X", color=colour, markersize=9.0, clip_on=True)
         axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
@@ -123,9 +123,9 @@ def _curve(
         return
     colour = VARIANT_COLOURS.get(variant, GREY)
     runs = len(collection.of(variant))
-    label = f"{LABELS.get(variant, variant)}, {runs} run{'s' * (runs > 1)}"
+    words = f"{label(variant)}, {runs} run{'s' * (runs > 1)}"
     smooth = [_smoothed(values) for values in (found.middle, found.low, found.high)]
-    axes.plot(found.steps, smooth[0], color=colour, linewidth=1.8, label=label)
+    axes.plot(found.steps, smooth[0], color=colour, linewidth=1.8, label=words)
     axes.fill_between(found.steps, smooth[1], smooth[2], color=colour, alpha=0.15, linewidth=0.0)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from irl_dal.sweep.collection import ORDER, Collection
 from irl_dal.sweep.result import RunResult
-from irl_dal.sweep.table import LABELS, Numbers
+from irl_dal.sweep.table import Numbers, label
 
 __all__ = ["findings", "interventions"]
 
@@ -26,7 +26,7 @@ def findings(collection: Collection, found: Numbers) -> list[str]:
             early, late = shares
             way = "fall" if late < early else "do not fall"
             sentences.append(
-                f"{LABELS.get(variant, variant)}: interventions {way} over the mixed phase, from "
+                f"{label(variant)}: interventions {way} over the mixed phase, from "
                 f"{early:.1%} of the steps in its first third to {late:.1%} in its last."
             )
     return [sentence for sentence in sentences if sentence]
@@ -59,7 +59,7 @@ def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
         return ""
     numbers = [value if value is not None else math.nan for value in values]
     wrong = [
-        f"{LABELS[after]} behind {LABELS[before]}"
+        f"{label(after)} behind {label(before)}"
         for before, after, one, two in zip(names, names[1:], numbers, numbers[1:], strict=False)
         if (two < one if rising else two > one)
     ]

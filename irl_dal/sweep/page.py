@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from irl_dal.files import write_text
 from irl_dal.pages import Shown, render
 from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.figures import VARIANT_COLOURS
 from irl_dal.sweep.findings import findings
-from irl_dal.sweep.table import COLUMNS, LABELS, Numbers
+from irl_dal.sweep.table import COLUMNS, Numbers, label
 
 __all__ = ["write_page"]
 
@@ -33,9 +34,7 @@ def write_page(
         findings=findings(collection, found),
         found=found,
         columns=COLUMNS,
-        labels=LABELS,
+        label=label,
         colours=VARIANT_COLOURS,
     )
-    partial = path.with_name(f".{path.name}.part")
-    partial.write_text(page, encoding="utf-8")
-    partial.replace(path)
+    write_text(path, page)

@@ -13,14 +13,15 @@ from rich.text import Text
 
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.statistics import Estimate
+from irl_dal.files import write_text
 from irl_dal.sweep.aggregate import across_runs
 from irl_dal.sweep.collection import Collection
 
 __all__ = [
     "COLUMNS",
-    "LABELS",
     "Column",
     "Numbers",
+    "label",
     "markdown_table",
     "numbers",
     "printed_tables",
@@ -38,7 +39,7 @@ LABELS = {
     "shielded": "+ projection, shield",
     "paper": "all as printed",
 }
-"""Words for the variants; an unknown one is shown by its name."""
+"""Words for the variants."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,6 +69,11 @@ class Column:
         if estimate.low is None or estimate.high is None:
             return ""
         return f"{self.number(estimate.low)}–{self.number(estimate.high)}"
+
+
+def label(variant: str) -> str:
+    """Words for a variant; an unknown one is shown by its name."""
+    return LABELS.get(variant, variant)
 
 
 def _printed(*values: str) -> dict[str, str]:
@@ -121,32 +127,34 @@ def printed_tables(collection: Collection, found: Numbers) -> list[Table]:
 def _part(
     collection: Collection, found: Numbers, columns: Sequence[Column], title: str | None
 ) -> Table:
-    rows = [cells for variant in collection.variants for cells in _rows(variant, found, columns)]
+    rows = [
+        row for variant in collection.variants for row in _rows(collection, variant, found, columns)
+    ]
     table = Table(
         title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True
     )
     table.add_column("", no_wrap=True)
     table.add_column("runs", justify="right")
     for place, column in enumerate(columns):
-        widest = max(len(cells[place]) for _, cells in rows)
+        widest = max(len(cells[place]) for _, _, cells in rows)
         table.add_column(Text(column.title), justify="right", min_width=widest)
-    for label, cells in rows:
-        runs = len(collection.of(label))
-        table.add_row(LABELS.get(label, label), str(runs) if runs else "", *cells)
+    for words, runs, cells in rows:
+        table.add_row(words, runs, *cells)
     return table
 
 
 def _rows(
-    variant: str, found: Numbers, columns: Sequence[Column]
-) -> Iterator[tuple[str, list[str]]]:
+    collection: Collection, variant: str, found: Numbers, columns: Sequence[Column]
+) -> Iterator[tuple[str, str, list[str]]]:
     """The variant's numbers, their intervals and the paper's numbers, where there are any."""
     estimates = [(column, found[variant][column.key]) for column in columns]
-    yield variant, [column.number(one.value) for column, one in estimates]
+    runs = str(len(collection.of(variant)))
+    yield label(variant), runs, [column.number(one.value) for column, one in estimates]
     intervals = [column.interval(one) for column, one in estimates]
     if any(intervals):
-        yield "  95 %", intervals
+        yield "  95 %", "", intervals
     if variant in COLUMNS[0].paper:
-        yield "  paper, 10 runs", [column.paper.get(variant, "") for column in columns]
+        yield "  paper", "10", [column.paper.get(variant, "") for column in columns]
 
 
 def markdown_table(collection: Collection, found: Numbers) -> str:
@@ -162,7 +170,7 @@ def markdown_table(collection: Collection, found: Numbers) -> str:
             interval = column.interval(one)
             cells.append(column.number(one.value) + (f" ({interval})" if interval else ""))
         runs = len(collection.of(variant))
-        lines.append(f"| {_label(variant)} | {runs} | " + " | ".join(cells) + " |")
+        lines.append(f"| {label(variant)} | {runs} | " + " | ".join(cells) + " |")
         if variant in COLUMNS[0].paper:
             theirs = " | ".join(column.paper.get(variant, "") for column in COLUMNS)
             lines.append(f"| *paper* | 10 | {theirs} |")
@@ -184,9 +192,7 @@ def put_into(page: Path, table: str) -> None:
     _, end, after = rest.partition(_END)
     if not begin or not end:
         raise ConfigError(f"{where}: lacks {_BEGIN} and {_END}")
-    partial = page.with_name(f".{page.name}.part")
-    partial.write_text(f"{before}{begin}\n\n{table}\n\n{end}{after}", encoding="utf-8")
-    partial.replace(page)
+    write_text(page, f"{before}{begin}\n\n{table}\n\n{end}{after}")
 
 
 def _title(collection: Collection) -> str:
@@ -195,7 +201,3 @@ def _title(collection: Collection) -> str:
         f"Interquartile mean over runs and 95 % stratified bootstrap interval; each run on "
         f"{len(first.outcomes)} episodes from seed {first.first_seed}"
     )
-
-
-def _label(variant: str) -> str:
-    return LABELS.get(variant, variant)

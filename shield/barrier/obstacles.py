@@ -1,7 +1,7 @@
 """Both barriers behind one scanner: what the shield asks before every command."""
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
@@ -80,7 +80,9 @@ class ObstacleBarrier:
     def __init__(self, config: BarrierConfig, limits: ActuatorLimits) -> None:
         self._config = config
         self._limits = limits
-        self._stopping = StoppingBarrier(config.stopping, limits.wheelbase)
+        braking = min(config.stopping.braking, limits.max_deceleration)
+        stopping = replace(config.stopping, braking=braking)
+        self._stopping = StoppingBarrier(stopping, limits.wheelbase)
         self._flanks = FlankBarrier(config.flanks, limits.wheelbase)
         self.surroundings = Surroundings(
             limits.dt,

@@ -49,8 +49,8 @@ class StoppingConfig:
     """Numbers of the barrier, none of them in the paper.
 
     Attributes:
-        braking: Deceleration it counts on [m/s^2], the limit's: the last resort of somebody who
-            should have braked before.
+        braking: Deceleration it counts on [m/s^2], at most the limit's: the last resort of somebody
+            who should have braked before.
         delay: Time until the brakes hold [s].
         standoff: Distance from the scanner to what it stops for [m]; from nearer than 2.5 m a car
             cannot steer free.

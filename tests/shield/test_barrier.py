@@ -104,6 +104,20 @@ def test_rain_before_a_thing_does_not_bring_it_nearer() -> None:
     assert max_speed(barrier_after(wet)) == pytest.approx(max_speed(barrier_after(alone)), abs=0.1)
 
 
+def test_it_counts_on_no_more_braking_than_the_actuators_have() -> None:
+    """A car that brakes half as hard has to be slower before the same thing."""
+    gentle = ActuatorLimits(max_deceleration=3.0)
+    bounds = []
+    for limits in (LIMITS, gentle):
+        barrier = ObstacleBarrier(CONFIG, limits)
+        barrier.update(scan_of((20.0, 0.0, 0.8)), 8.0, 0.0)
+        bounds.append(barrier.bounds(np.array([0.0, 8.0]), 0.0).max_speed)
+    room = 20.0 - 0.8 - STOPPING.standoff
+    lost = 3.0 * STOPPING.delay
+    assert bounds[1] == pytest.approx(math.sqrt(lost**2 + 6.0 * room) - lost, abs=0.2)
+    assert bounds[1] < bounds[0] - 2.0
+
+
 def walk(lateral: float, pace: float, steps: int = 8, speed: float = 8.0) -> list[np.ndarray]:
     """Scans of somebody 22 m ahead at first who walks across, seen from a car driving straight."""
     return [scan_of((22.0 - speed * 0.1 * k, lateral + pace * 0.1 * k, 0.25)) for k in range(steps)]
