@@ -48,23 +48,10 @@ Call = Callable[..., str]
 
 
 @pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Runs a command as its console would; what it printed, or its one line of complaint."""
-
-    def run(command: str, *arguments: str) -> str:
-        monkeypatch.setattr(sys, "argv", [command, *arguments])
-        capsys.readouterr()
-        try:
-            {"train": train.main, "evaluate": evaluate.main}[command]()
-        except SystemExit as end:
-            printed = capsys.readouterr()
-            assert end.code == 2
-            lines = printed.err.splitlines()
-            assert len(lines) == 1 and lines[0].startswith("error: ")
-            return lines[0]
-        return capsys.readouterr().out
-
-    return run
+def call(console: Call) -> Call:
+    """A command by its name, on its console."""
+    commands = {"train": train.main, "evaluate": evaluate.main}
+    return lambda command, *arguments: console(commands[command], *arguments)
 
 
 @pytest.fixture(scope="module")

@@ -1,7 +1,7 @@
 import json
-import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -25,23 +25,9 @@ SMALL = (
 
 
 @pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Runs the command as its console would; what it printed, or its one line of complaint."""
-
-    def run(*arguments: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["compare", *arguments])
-        capsys.readouterr()
-        try:
-            compare.main()
-        except SystemExit as end:
-            printed = capsys.readouterr()
-            assert end.code == 2
-            lines = printed.err.splitlines()
-            assert len(lines) == 1 and lines[0].startswith("error: ")
-            return lines[0]
-        return capsys.readouterr().out
-
-    return run
+def call(console: Call) -> Call:
+    """The command on its console."""
+    return partial(console, compare.main)
 
 
 def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) -> None:

@@ -8,7 +8,7 @@ from gymnasium import spaces
 from stable_baselines3 import PPO
 
 from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
-from irl_dal.perception.encoder import EXPOSURE, channels_first, exposed
+from irl_dal.perception.encoder import EXPOSURE, ImageEncoder, channels_first, exposed
 
 
 def observation_space() -> spaces.Dict:
@@ -142,3 +142,21 @@ def test_exposure_makes_evening_and_day_alike() -> None:
         extractor = DrivingFeaturesExtractor(observation_space(), PerceptionConfig(exposure=switch))
         changes[switch] = float((extractor(seen) - extractor(dark)).abs().mean().detach())
     assert changes[True] < 0.5 * changes[False]
+
+
+def test_the_mask_is_a_fourth_channel() -> None:
+    """Output and gradients are those of one convolution over image and mask (Eq. 4channel)."""
+    torch.manual_seed(0)
+    encoder = ImageEncoder(4, 64, 64).double()
+    image = torch.rand(3, 3, 64, 64, dtype=torch.float64)
+    mask = torch.rand(3, 1, 64, 1, dtype=torch.float64, requires_grad=True)
+    joined = torch.cat([image, mask.expand(-1, -1, -1, 64)], dim=1)
+    known = [mask, *encoder.parameters()]
+    ours, theirs = encoder(image, mask), encoder.layers(joined)
+    assert torch.allclose(ours, theirs, atol=1e-12)
+    for one, two in zip(
+        torch.autograd.grad(ours.square().sum(), known),
+        torch.autograd.grad(theirs.square().sum(), known),
+        strict=True,
+    ):
+        assert torch.allclose(one, two, atol=1e-10)

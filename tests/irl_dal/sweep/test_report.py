@@ -8,6 +8,7 @@ import shutil
 import sys
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -47,20 +48,9 @@ def sweep(folder: Path, *more: str) -> None:
 
 
 @pytest.fixture
-def call(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> Call:
-    """Runs the command; what it printed, or its one line of complaint."""
-
-    def run(*arguments: str) -> str:
-        monkeypatch.setattr(sys, "argv", ["report", *arguments])
-        capsys.readouterr()
-        try:
-            report.main()
-        except SystemExit as end:
-            assert end.code == 2
-            return capsys.readouterr().err
-        return capsys.readouterr().out
-
-    return run
+def call(console: Call) -> Call:
+    """The command on its console."""
+    return partial(console, report.main)
 
 
 @pytest.fixture(scope="module")
@@ -117,7 +107,7 @@ def test_the_command_writes_table_results_and_page(swept: Path, call: Call, tmp_
     assert "| + projection, shield | 1 |" in text
     again = call(f"runs={out / 'results'}", f"page={page}")
     assert page.read_text() == text
-    assert again.splitlines()[0] == printed.splitlines()[0]
+    assert printed.startswith(again) and len(again) > 500
     numbers_ = json.loads((out / "report.json").read_text())
     assert numbers_["shielded"]["command_violation_rate"]["value"] == 0.0
     assert {path.name for path in (out / "figures").iterdir()} == {
