@@ -1,6 +1,7 @@
 """The expert: a finite-state machine with classical controllers, and the replay it fills."""
 
 from expert.fsm import ExpertConfig, ExpertDecision, FSMExpert
+from expert.lane_map import LaneMap
 from expert.lateral import LateralConfig
 from expert.longitudinal import LongitudinalConfig
 from expert.modes import Mode
@@ -10,6 +11,7 @@ __all__ = [
     "ExpertConfig",
     "ExpertDecision",
     "FSMExpert",
+    "LaneMap",
     "LateralConfig",
     "LongitudinalConfig",
     "Mode",

@@ -23,13 +23,20 @@ from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.envs import Caption, CityEnv
-from irl_dal.planner import ActionBlend, DiffusionPlanner, Plan, PlanningContext
+from irl_dal.planner import (
+    ActionBlend,
+    DiffusionPlanner,
+    Plan,
+    PlanningContext,
+    open_lanes,
+)
 from shield import (
     ActuatorLimits,
     BarrierConfig,
     Certificate,
     ClearanceTracker,
     CommandBounds,
+    LaneEstimate,
     LaneTracker,
     ObstacleBarrier,
     RiskTrigger,
@@ -117,6 +124,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._clearance = ClearanceTracker(self.limits.dt, max_range=city.config.lidar_range)
         self._lane = LaneTracker(self.limits.dt)
         self._trigger = RiskTrigger(trigger, self.limits.dt)
+        self._centres = trigger.lane_centres
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:
             self._barrier = ObstacleBarrier(barrier, self.limits)
@@ -240,6 +248,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             speed=speed,
             previous=self._previous,
             expert_reference=self._reference() if self.supervision.expert_reference else None,
+            lane_centres=self._centres,
+            open_centres=self._open_centres(scan, lane),
         )
         label = self.limits.to_action(self._decision.setpoint)
         return {
@@ -251,6 +261,12 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "clearance_estimate": self._distance,
             "context": self._context,
         }
+
+    def _open_centres(self, scan: Array, lane: LaneEstimate) -> tuple[float, ...] | None:
+        """Lane centres that a plan may be pulled to; nobody asks without a planner."""
+        if self.supervision.planner is None:
+            return None
+        return open_lanes(scan, lane, self._centres, self.city.config.lidar_range)
 
     def _reference(self) -> Array:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""

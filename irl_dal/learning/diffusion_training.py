@@ -86,7 +86,9 @@ class DiffusionTraining:
         self._network: nn.Module = planner.denoiser
         self._trained = copy.deepcopy(self._network.state_dict())
         self._updates = 0
-        self._optimizer = torch.optim.Adam(self._network.parameters(), lr=config.learning_rate)
+        self._optimizer = torch.optim.Adam(
+            self._network.parameters(), lr=config.learning_rate, fused=True
+        )
         self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
             self._optimizer,
             factor=config.factor,

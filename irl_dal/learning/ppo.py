@@ -167,7 +167,7 @@ def _two_rates(policy: DrivingPolicy, config: PPOConfig) -> torch.optim.Optimize
     actor = [parameter for parameter in policy.parameters() if id(parameter) not in known]
     groups = [{"params": actor}, {"params": critic}]
     # stable-baselines3's epsilon.
-    return torch.optim.Adam(groups, lr=config.learning_rate, eps=1e-5)
+    return torch.optim.Adam(groups, lr=config.learning_rate, eps=1e-5, fused=True)
 
 
 @torch.no_grad()

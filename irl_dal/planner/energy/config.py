@@ -30,6 +30,8 @@ class EnergyConfig:
         jerk_weight: w_jerk (Table II).
         stability_weight: w_stab (Table II).
         reference_speed: v_ref [m/s]; None takes the last executed speed. The paper does not say.
+        slowest_reference: The last executed speed counts as at least this [m/s]: to keep a standing
+            car standing is not what steady driving means.
         expert_weight: w_exp (Table II).
 
     Raises:
@@ -48,6 +50,7 @@ class EnergyConfig:
     jerk_weight: float = 0.1
     stability_weight: float = 0.5
     reference_speed: float | None = None
+    slowest_reference: float = 3.0
     expert_weight: float = 2.0
 
     def __post_init__(self) -> None:
@@ -64,6 +67,7 @@ class EnergyConfig:
             "clearance_weight",
             "jerk_weight",
             "stability_weight",
+            "slowest_reference",
             "expert_weight",
         )
         for name in not_negative:

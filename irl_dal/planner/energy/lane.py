@@ -26,7 +26,7 @@ class LaneEnergy(Energy):
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
         super().__init__(context, config, limits, horizon)
-        self._centres = np.array(context.lane_centres)
+        self._centres = np.array(context.open_centres or context.lane_centres)
         self._weight = lane_weight(context, config)
 
     @property

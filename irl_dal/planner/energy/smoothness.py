@@ -72,8 +72,10 @@ class StabilityEnergy(Energy):
 
     def neutral(self) -> Array:
         """The neutral action (2,), normalised."""
-        speed, lane = self.config.reference_speed, self.context.lane
-        speed = float(self.context.previous[1]) if speed is None else speed
+        config, lane = self.config, self.context.lane
+        speed = config.reference_speed
+        if speed is None:
+            speed = max(float(self.context.previous[1]), config.slowest_reference)
         steering = 0.0
         if self.config.forms == "rollout" and lane.valid:
             steering = math.atan(self.limits.wheelbase * lane.curvature)
