@@ -31,7 +31,7 @@ def test_the_loss_is_the_papers_equation() -> None:
     """Batch mean of the squared norm plus lambda times the squared weights, recomputed."""
     replay, policy = filled_replay(50), new_policy()
     l2 = 1e-3
-    cloning = BehaviourCloning(policy, CloningConfig(l2=l2))
+    cloning = BehaviourCloning(policy, CloningConfig(l2=l2, bfloat16=False))
     batch = replay.sample(np.random.default_rng(0), 16)
     tensors = observation_tensors(batch, "cpu")
     with torch.no_grad():
@@ -40,6 +40,23 @@ def test_the_loss_is_the_papers_equation() -> None:
     squares = sum(float(np.square(p.detach().numpy(), dtype=np.float64).sum()) for p in weights)
     expected = np.square(error).sum(axis=1).mean() + l2 * squares
     assert cloning.loss(tensors, torch.from_numpy(batch.labels)).item() == pytest.approx(expected)
+
+
+def test_bfloat16_changes_a_gradient_by_its_rounding_only() -> None:
+    """The gradient of the weights has the same direction, and single precision."""
+    replay, policy = filled_replay(50), new_policy()
+    batch = replay.sample(np.random.default_rng(0), 64)
+    tensors, labels = observation_tensors(batch, "cpu"), torch.from_numpy(batch.labels)
+    gradients = []
+    for bfloat16 in (False, True):
+        policy.zero_grad()
+        BehaviourCloning(policy, CloningConfig(bfloat16=bfloat16)).loss(tensors, labels).backward()
+        parts = [parameter.grad for parameter in actor_parameters(policy)]
+        assert all(part is not None and part.dtype == torch.float32 for part in parts)
+        gradients.append(torch.cat([part.flatten() for part in parts if part is not None]))
+    exact, rounded = gradients
+    assert torch.nn.functional.cosine_similarity(exact, rounded, dim=0) > 0.99
+    assert (exact - rounded).norm() < 0.1 * exact.norm()
 
 
 def test_the_mask_learns_but_is_not_pulled_to_zero() -> None:

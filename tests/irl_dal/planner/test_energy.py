@@ -140,7 +140,8 @@ def torch_lane(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tens
         e = e + run * torch.sin(psi + 0.5 * relative)
         psi, s = psi + relative, s + run
         places.append(e + config.lane_preview * speed * psi.sin())
-    target = min(scene.lane_centres, key=lambda one: abs(float(places[-1].detach()) - one))
+    centres = scene.open_centres or scene.lane_centres
+    target = min(centres, key=lambda one: abs(float(places[-1].detach()) - one))
     off = torch.stack(places) - target
     return config.lane_weight * (off / config.lane_scale).square().mean()
 
@@ -179,7 +180,9 @@ def torch_energy(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Te
     last = (torch.tensor(scene.previous) - centre.double()) / half.double()
     steps = torch.cat([last[None], actions]).diff(dim=0)
     along_lane = math.atan(scene.lane.curvature * LIMITS.wheelbase) / LIMITS.max_steering
-    neutral = torch.stack([torch.tensor(along_lane, dtype=torch.float64), last[1]])
+    cruise = max(float(scene.previous[1]), config.slowest_reference)
+    steady = (cruise - centre[1].double()) / half[1].double()
+    neutral = torch.stack([torch.tensor(along_lane, dtype=torch.float64), steady])
     hazardous = torch_lane(scene, config, actions) + torch_clearance(scene, config, actions)
     jerk = config.jerk_weight * steps.square().sum(1).mean()
     stability = config.stability_weight * (actions - neutral).square().sum(1).mean()
