@@ -23,20 +23,13 @@ from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.envs import Caption, CityEnv
-from irl_dal.planner import (
-    ActionBlend,
-    DiffusionPlanner,
-    Plan,
-    PlanningContext,
-    open_lanes,
-)
+from irl_dal.planner import ActionBlend, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
     BarrierConfig,
     Certificate,
     ClearanceTracker,
     CommandBounds,
-    LaneEstimate,
     LaneTracker,
     ObstacleBarrier,
     RiskTrigger,
@@ -249,7 +242,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             previous=self._previous,
             expert_reference=self._reference() if self.supervision.expert_reference else None,
             lane_centres=self._centres,
-            open_centres=self._open_centres(scan, lane),
         )
         label = self.limits.to_action(self._decision.setpoint)
         return {
@@ -261,12 +253,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "clearance_estimate": self._distance,
             "context": self._context,
         }
-
-    def _open_centres(self, scan: Array, lane: LaneEstimate) -> tuple[float, ...] | None:
-        """Lane centres that a plan may be pulled to; nobody asks without a planner."""
-        if self.supervision.planner is None:
-            return None
-        return open_lanes(scan, lane, self._centres, self.city.config.lidar_range)
 
     def _reference(self) -> Array:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""

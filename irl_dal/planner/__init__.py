@@ -7,7 +7,6 @@ from irl_dal.planner.denoiser import ConditionalUnet1d, DenoiserConfig
 from irl_dal.planner.energy import EnergyConfig, EnergyForms, TotalEnergy
 from irl_dal.planner.guidance import Guidance, GuidanceConfig
 from irl_dal.planner.noise_schedule import NoiseSchedule, ScheduleKind
-from irl_dal.planner.open_lanes import open_lanes
 from irl_dal.planner.plan import Plan
 from irl_dal.planner.planner import DiffusionPlanner
 from irl_dal.planner.projection import PROJECTION_MODES, PlanProjection, ProjectionMode
@@ -47,5 +46,4 @@ __all__ = [
     "Transitions",
     "ddim_transitions",
     "ddpm_transitions",
-    "open_lanes",
 ]

@@ -61,7 +61,6 @@ class PlanningContext:
         previous: Last executed command (2,) [rad, m/s].
         expert_reference: The expert's commands (H, 2) [rad, m/s], or None.
         lane_centres: Admissible lane centres, as lateral offsets [m].
-        open_centres: Those whose lane is free ahead; None counts every one as free.
 
     Raises:
         ValueError: A wrong shape, or no lane centre. Values are not judged here.
@@ -74,7 +73,6 @@ class PlanningContext:
     previous: Array
     expert_reference: Array | None = None
     lane_centres: tuple[float, ...] = field(default=(0.0, 3.5))
-    open_centres: tuple[float, ...] | None = None
 
     def __post_init__(self) -> None:
         scan, previous = _read_only(self.scan), _read_only(self.previous)

@@ -7,6 +7,7 @@ import numpy as np
 from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
+from irl_dal.planner.energy.open_lanes import open_lanes
 from irl_dal.planner.rollout import RoadRollout
 from shield import ActuatorLimits
 
@@ -16,7 +17,7 @@ class LaneEnergy(Energy):
 
     :math:`e_i = d_i + T v_i \sin\psi_i` is the lateral offset that the car would have a preview
     time T after step i if it kept its heading: the error of a driver who looks ahead, which damps
-    what the offset alone would make swing. c is the admissible lane centre nearest to where the
+    what the offset alone would make swing. c is the open lane's centre nearest to where the
     plan's end leads; :math:`w_{lane} = w_{base} (1 + \alpha_{hazard} h_t)`.
     """
 
@@ -26,7 +27,7 @@ class LaneEnergy(Energy):
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
         super().__init__(context, config, limits, horizon)
-        self._centres = np.array(context.open_centres or context.lane_centres)
+        self._centres = np.array(open_lanes(context))
         self._weight = lane_weight(context, config)
 
     @property

@@ -24,6 +24,7 @@ from irl_dal.planner.energy import (
     TotalEnergy,
 )
 from irl_dal.planner.energy.clearance import DISC_CENTRES, DISC_RADIUS, LIDAR_POSITION
+from irl_dal.planner.energy.open_lanes import open_lanes
 from shield import ClearanceEstimate
 from tests.irl_dal.planner.scenes import (
     HORIZON,
@@ -140,8 +141,7 @@ def torch_lane(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tens
         e = e + run * torch.sin(psi + 0.5 * relative)
         psi, s = psi + relative, s + run
         places.append(e + config.lane_preview * speed * psi.sin())
-    centres = scene.open_centres or scene.lane_centres
-    target = min(centres, key=lambda one: abs(float(places[-1].detach()) - one))
+    target = min(open_lanes(scene), key=lambda one: abs(float(places[-1].detach()) - one))
     off = torch.stack(places) - target
     return config.lane_weight * (off / config.lane_scale).square().mean()
 
@@ -229,7 +229,7 @@ def test_lower_is_better() -> None:
         obstacle.evaluate(batch(constant(0.0, 2.0)))[0]
         < obstacle.evaluate(batch(constant(0.0, 8.0)))[0]
     )
-    adherence = LaneEnergy(context(lane=lane(heading_error=0.0)), config, LIMITS, HORIZON)
+    adherence = LaneEnergy(open_road(lane=lane(heading_error=0.0)), config, LIMITS, HORIZON)
     assert (
         adherence.evaluate(batch(constant(-0.05, 6.0)))[0]
         < adherence.evaluate(batch(constant(0.05, 6.0)))[0]
@@ -297,7 +297,7 @@ def test_a_lane_change_is_not_undone() -> None:
     plan = batch(constant(0.0, 6.0))
 
     def lateral_pull(pose) -> float:  # type: ignore[no-untyped-def]
-        scene = context(lane=pose)
+        scene = open_road(lane=pose)
         _, gradient = LaneEnergy(scene, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)
         return -float(gradient[0, 0, 0])
 

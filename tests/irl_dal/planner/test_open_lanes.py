@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 import torch
 
-from irl_dal.planner import DiffusionPlanner, EnergyConfig, PlannerConfig, TotalEnergy, open_lanes
+from irl_dal.planner import DiffusionPlanner, EnergyConfig, PlannerConfig, TotalEnergy
 from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE
-from tests.irl_dal.planner.scenes import HORIZON, LIMITS, context, lane, open_road, scan_of
+from irl_dal.planner.energy.open_lanes import open_lanes
+from tests.irl_dal.planner.scenes import HORIZON, LIMITS, lane, open_road, scan_of
 
-CENTRES = (0.0, 3.5)
 STRAIGHT = lane(lateral_offset=0.0, heading_error=0.0, curvature=0.0, curvature_rate=0.0)
 
 
@@ -32,12 +32,13 @@ def ahead(distance: float, offset: float) -> np.ndarray:
 )
 def test_a_blocked_lane_is_not_open(scan: np.ndarray, expected: tuple[float, ...]) -> None:
     """Open is what is free for a while; where nothing is, the freest lane."""
-    assert open_lanes(scan, STRAIGHT, CENTRES, MAX_RANGE) == expected
+    assert open_lanes(open_road(lane=STRAIGHT, scan=scan)) == expected
 
 
 def test_without_a_lane_estimate_every_lane_is_open() -> None:
     """Nobody knows in which lane a point lies."""
-    assert open_lanes(ahead(5.0, 0.0), lane(valid=False), CENTRES, MAX_RANGE) == CENTRES
+    blind = open_road(lane=lane(valid=False), scan=ahead(5.0, 0.0))
+    assert open_lanes(blind) == blind.lane_centres
 
 
 def lane_energy(scene, steering: float) -> float:  # type: ignore[no-untyped-def]
@@ -50,13 +51,13 @@ def lane_energy(scene, steering: float) -> float:  # type: ignore[no-untyped-def
 def test_a_car_between_the_lanes_is_pulled_to_the_open_one() -> None:
     """Nearer to the passing lane: with both open on to it, with an oncoming car there back home."""
     between = open_road(lane=replace(STRAIGHT, lateral_offset=2.2))
-    back = replace(between, open_centres=(0.0,))
+    back = replace(between, scan=ahead(18.0, 3.5 - 2.2))
     assert lane_energy(between, 0.04) < lane_energy(between, -0.04)
     assert lane_energy(back, 0.04) > lane_energy(back, -0.04)
 
 
 def test_a_standing_car_is_not_kept_standing() -> None:
-    """The reference speed of E_stability is not below `slowest_reference`,."""
+    """The reference speed of E_stability is not below `slowest_reference`."""
     stands = open_road(previous=np.zeros(2), speed=0.0)
 
     def planned(slowest: float) -> float:
@@ -78,10 +79,13 @@ def test_the_slowest_reference_is_judged() -> None:
 
 
 def test_a_plan_uses_the_open_lanes() -> None:
-    """The same noise, another open lane: another plan."""
+    """The same noise, the same scan but for one car: another plan."""
+    config = PlannerConfig(energy=EnergyConfig(clearance_weight=0.0))
     plans = []
-    for centres in ((0.0,), (3.5,)):
+    between = replace(STRAIGHT, lateral_offset=1.75)
+    for blocked in (3.5, 0.0):
+        scan = ahead(20.0, blocked - 1.75)
         source = torch.Generator().manual_seed(0)
-        planner = DiffusionPlanner(PlannerConfig(), LIMITS, generator=source)
-        plans.append(planner.plan(context(open_centres=centres)).actions)
+        planner = DiffusionPlanner(config, LIMITS, generator=source)
+        plans.append(planner.plan(open_road(lane=between, scan=scan)).actions)
     assert plans[0][:, 0].mean() < plans[1][:, 0].mean()
