@@ -4,9 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import torch
 
-from irl_dal.planner import DiffusionPlanner, EnergyConfig, PlannerConfig, TotalEnergy
+from irl_dal.planner import EnergyConfig, TotalEnergy
 from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE
 from irl_dal.planner.energy.open_lanes import open_lanes
 from tests.irl_dal.planner.scenes import HORIZON, LIMITS, lane, open_road, scan_of
@@ -76,16 +75,3 @@ def test_the_slowest_reference_is_judged() -> None:
     """A negative one is refused by name."""
     with pytest.raises(ValueError, match="`slowest_reference`.*-1"):
         EnergyConfig(slowest_reference=-1.0)
-
-
-def test_a_plan_uses_the_open_lanes() -> None:
-    """The same noise, the same scan but for one car: another plan."""
-    config = PlannerConfig(energy=EnergyConfig(clearance_weight=0.0))
-    plans = []
-    between = replace(STRAIGHT, lateral_offset=1.75)
-    for blocked in (3.5, 0.0):
-        scan = ahead(20.0, blocked - 1.75)
-        source = torch.Generator().manual_seed(0)
-        planner = DiffusionPlanner(config, LIMITS, generator=source)
-        plans.append(planner.plan(open_road(lane=between, scan=scan)).actions)
-    assert plans[0][:, 0].mean() < plans[1][:, 0].mean()
