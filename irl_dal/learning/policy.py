@@ -18,6 +18,7 @@ from expert.replay import ReplayBatch
 from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
 
 __all__ = [
+    "PERCEIVED",
     "DrivingPolicy",
     "PPOConfig",
     "actor_parameters",
@@ -27,6 +28,9 @@ __all__ = [
     "observation_tensors",
     "policy_arguments",
 ]
+
+PERCEIVED = "perceived"
+"""Key of features that stand for the observations they were made from."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -123,15 +127,43 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
     ) -> tuple[Tensor, Tensor, Tensor | None]:
         """What PPO's losses are made of.
 
+        Args:
+            obs: A batch of observations, or of what `perceive` made of them.
+            actions: (B, 2).
+
         Returns:
             Values (B, 1), log-probabilities (B,) and entropies (B,).
         """
-        with torch.set_grad_enabled(torch.is_grad_enabled() and self.perception_gradient):
-            features = self.extract_features(obs)
+        assert isinstance(obs, dict)
+        if PERCEIVED in obs:
+            features = obs[PERCEIVED]
+        else:
+            with torch.set_grad_enabled(torch.is_grad_enabled() and self.perception_gradient):
+                features = self._features(obs)
         latent_pi, latent_vf = self.mlp_extractor(features)
         distribution = self._get_action_dist_from_latent(latent_pi)
         log_prob = distribution.log_prob(actions)
         return self.value_net(latent_vf), log_prob, distribution.entropy()
+
+    @torch.no_grad()
+    def perceive(
+        self, observations: dict[str, NDArray[Any]], batch_size: int = 512
+    ) -> dict[str, NDArray[Any]]:
+        """Features (N, 512) of N observations (images channels first), in their place.
+
+        Whoever looks at the same observations again and again, and sends no gradients into the
+        perception, looks once.
+        """
+        parts = []
+        for start in range(0, len(observations["speed"]), batch_size):
+            rows = {key: value[start : start + batch_size] for key, value in observations.items()}
+            parts.append(self._features(self.obs_to_tensor(rows)[0]).cpu())
+        return {PERCEIVED: torch.cat(parts).numpy()}
+
+    def _features(self, obs: PyTorchObs) -> Tensor:
+        features = self.extract_features(obs)
+        assert isinstance(features, Tensor), "actor and critic share their features"
+        return features
 
 
 def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[str, Any]:
@@ -143,23 +175,18 @@ def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[st
     }
 
 
+@torch.no_grad()
 def appraise(
-    policy: DrivingPolicy,
-    observations: dict[str, NDArray[Any]],
-    actions: NDArray[np.float32],
-    batch_size: int = 512,
+    policy: DrivingPolicy, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Values (N,) and log-probabilities (N,) of a rollout (images channels first)."""
-    values, log_probs = [], []
-    for start in range(0, len(actions), batch_size):
-        rows = slice(start, start + batch_size)
-        seen, _ = policy.obs_to_tensor({key: value[rows] for key, value in observations.items()})
-        drawn = torch.from_numpy(actions[rows]).to(policy.device)
-        with torch.no_grad():
-            value, log_prob, _ = policy.evaluate_actions(seen, drawn)
-        values.append(value.flatten().cpu().numpy())
-        log_probs.append(log_prob.cpu().numpy())
-    return np.concatenate(values), np.concatenate(log_probs)
+    seen = {
+        key: torch.from_numpy(value).to(policy.device)
+        for key, value in policy.perceive(observations).items()
+    }
+    drawn = torch.from_numpy(actions).to(policy.device)
+    values, log_probs, _ = policy.evaluate_actions(seen, drawn)
+    return values.flatten().cpu().numpy(), log_probs.cpu().numpy()
 
 
 def build_policy(

@@ -78,6 +78,8 @@ class DrivingPPO(PPO):
         policy = driving_policy(self)
         seen = self._some_observations()
         before = _gaussian(policy, seen)
+        if not policy.perception_gradient:
+            self._perceive_once(policy)
         super().train()
         measured = divergence(before, _gaussian(policy, seen))
         self.logger.record("train/divergence", measured)
@@ -90,6 +92,13 @@ class DrivingPPO(PPO):
         super()._update_learning_rate(optimizers)
         actor, _critic = self.policy.optimizer.param_groups
         actor["lr"] = self.actor_rate.value
+
+    def _perceive_once(self, policy: DrivingPolicy) -> None:
+        """Put features into the place of the rollout's images, which no epoch needs again."""
+        buffer = self.rollout_buffer
+        assert isinstance(buffer, HybridRolloutBuffer)
+        seen = policy.perceive({key: values[:, 0] for key, values in buffer.observations.items()})
+        buffer.observations = {key: values[:, None] for key, values in seen.items()}
 
     def _some_observations(self) -> dict[str, Tensor]:
         buffer = self.rollout_buffer

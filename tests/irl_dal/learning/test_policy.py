@@ -7,6 +7,7 @@ import pytest
 import torch
 
 from irl_dal.learning.policy import (
+    PERCEIVED,
     PPOConfig,
     actor_parameters,
     appraise,
@@ -87,9 +88,18 @@ def test_a_rollout_is_appraised_as_the_policy_would_do_it_step_by_step() -> None
     with torch.no_grad():
         actions, values, log_probs = policy(seen)
     arrays = {key: value.numpy() for key, value in seen.items()}
-    found = appraise(policy, arrays, actions.numpy(), batch_size=3)
+    found = appraise(policy, arrays, actions.numpy())
     assert found[0] == pytest.approx(values.flatten().numpy(), abs=1e-5)
     assert found[1] == pytest.approx(log_probs.numpy(), abs=1e-4)
+
+
+def test_perceiving_in_batches_keeps_number_and_order() -> None:
+    """Batches of 3 give the features that one batch of 7 gives."""
+    policy, seen = new_policy(), some_observations(7)
+    arrays = {key: value.numpy() for key, value in seen.items()}
+    whole, parts = (policy.perceive(arrays, size)[PERCEIVED] for size in (7, 3))
+    assert whole.shape == (7, policy.features_dim)
+    assert parts == pytest.approx(whole, abs=1e-5)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,7 @@ from torch.distributions import Independent, Normal, kl_divergence
 
 from irl_dal.learning.behaviour_cloning import BehaviourCloning, CloningConfig
 from irl_dal.learning.hybrid_reward import End, HybridReward, HybridRewardConfig, StepOutcome
-from irl_dal.learning.policy import PPOConfig, actor_parameters
+from irl_dal.learning.policy import PERCEIVED, PPOConfig, actor_parameters
 from irl_dal.learning.ppo import ActorRate, DrivingPPO, build_ppo, divergence, driving_policy
 from irl_dal.perception import PerceptionConfig
 from tests.irl_dal.learning.samples import (
@@ -126,3 +126,17 @@ def test_the_same_generator_builds_the_same_ppo() -> None:
     """Weights come from the generator handed in, not from torch's global one."""
     first, second = new_ppo().policy.state_dict(), new_ppo().policy.state_dict()
     assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_perceiving_a_rollout_once_changes_nothing_but_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same weights as an update that looks at the images again in every epoch."""
+    once, again = new_ppo(), new_ppo()
+    once.train()
+    assert set(once.rollout_buffer.observations) == {PERCEIVED}
+    monkeypatch.setattr(DrivingPPO, "_perceive_once", lambda *_: None)
+    again.train()
+    assert "image" in again.rollout_buffer.observations
+    for name, value in again.policy.state_dict().items():
+        torch.testing.assert_close(once.policy.state_dict()[name], value, rtol=1e-3, atol=1e-5)
