@@ -189,7 +189,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             return None, 0.0, own
         plan = watch.planner.plan(self._context)
         weight = watch.blend.weight(self._distance.clearance, self._risk.lane_deviation)
-        return plan, weight, weight * plan.actions[0] + (1.0 - weight) * own
+        command = weight * plan.actions[0] + (1.0 - weight) * own
+        if watch.safety_filter is None:  # with a shield, this is the shield's work
+            command = watch.planner.admit(command, self._previous)
+        return plan, weight, command
 
     def _execute(
         self, command: Array, plan: Plan | None, record: Info

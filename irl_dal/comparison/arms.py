@@ -43,10 +43,10 @@ class Arm:
     def admissible(self) -> bool:
         """Whether everything that it executes has to keep the bounds.
 
-        Without a shield a projected plan keeps them only where it is executed as it is: a blend of
-        the policy's and the planner's command has no such promise.
+        Without a shield that is where every command ends in a projection; on its trigger the
+        planner lets the policy's own commands pass in between.
         """
-        return self.shielded or (self.activation == "alone" and self.projection != "none")
+        return self.shielded or (self.activation != "trigger" and self.projection != "none")
 
     @property
     def baseline(self) -> Arm:

@@ -66,6 +66,7 @@ class DiffusionPlanner:
         self._sampler = config.make_sampler()
         patience = PATIENCE if config.deadline is None else 0.5 * config.deadline
         self._projector = HorizonProjector(limits, config.horizon, deadline=patience)
+        self._step_projector = HorizonProjector(limits, 1, deadline=patience)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
@@ -145,6 +146,23 @@ class DiffusionPlanner:
         # Absurd but finite values overflow into a sample that is no number, and that is noticed.
         with np.errstate(all="ignore"):
             return self._plan(context, watchers, time.perf_counter())
+
+    def admit(self, command: Array, previous: Array) -> Array:
+        """What may be executed of a command that a plan's first action was blended into.
+
+        A blend of an admissible and an inadmissible command is inadmissible: a mode that ends in a
+        projection projects it once more, `none` leaves it as it is.
+
+        Args:
+            command: Blended command (2,) [rad, m/s].
+            previous: Last executed command (2,) [rad, m/s].
+
+        Returns:
+            The command to execute (2,) [rad, m/s].
+        """
+        if self.config.projection == "none":
+            return command
+        return self._step_projector.project(command[None], previous).actions[0].copy()
 
     def _plan(self, context: PlanningContext, watchers: Sequence[Refinement], begin: float) -> Plan:
         """`plan` of a context of the right shape, begun at `begin` [s]."""

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irl_dal.build import build_loop, supervision
+from irl_dal.build import build_loop, build_planner, supervision
 from irl_dal.config import RunConfig
+from irl_dal.planner import ProjectionMode
 from shield import BarrierConfig
 
 
@@ -58,3 +59,28 @@ def test_without_the_shield_there_is_no_barrier(straight: RunConfig) -> None:
     config = replace(straight, shield=replace(straight.shield, enabled=False))
     collided, _ = blind_drive(config)
     assert collided
+
+
+@pytest.mark.parametrize(("projection", "kept"), [("final", True), ("x0", True), ("none", False)])
+def test_a_blend_with_a_projected_plan_keeps_the_bounds_without_a_shield(
+    straight: RunConfig, projection: ProjectionMode, kept: bool
+) -> None:
+    """However the policy jumps; a planner that projects nothing lets its jumps through."""
+    config = replace(
+        straight,
+        shield=replace(straight.shield, enabled=False),
+        planner=replace(straight.planner, projection=projection),
+        supervision=replace(straight.supervision, enabled=True, activation="always"),
+    )
+    loop = build_loop(config, supervision(config, build_planner(config)))
+    loop.reset(seed=0)
+    rng, blended, violations = np.random.default_rng(0), 0, 0
+    for _ in range(40):
+        _, _, terminated, _, info = loop.step(rng.uniform(-1.0, 1.0, 2))
+        blended += 0.0 < info["blend_weight"] < 1.0
+        violations += loop.limits.violated(info["executed_command"], info["previous_command"])
+        if terminated:
+            break
+    loop.close()
+    assert blended > 10
+    assert (violations == 0) == kept

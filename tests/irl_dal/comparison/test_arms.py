@@ -43,10 +43,11 @@ def test_alone_the_planner_has_all_the_weight() -> None:
 
 
 def test_which_arms_promise_to_keep_the_bounds() -> None:
-    """The shield always; a projected plan where nothing is blended into it."""
+    """The shield always; without it, where the planner is asked on every step and projects."""
     assert Arm("trigger", "none", True).admissible and Arm("alone", "final", False).admissible
+    assert Arm("always", "x0", False).admissible
     assert not Arm("alone", "none", False).admissible
-    assert not Arm("always", "x0", False).admissible
+    assert not Arm("trigger", "x0", False).admissible
 
 
 @pytest.mark.parametrize(
