@@ -173,7 +173,7 @@ def growth(
 def denoiser_loss(
     planner: DiffusionPlanner, contexts: Sequence[PlanningContext]
 ) -> tuple[float, float]:
-    """What the numpy network loses against the torch one, at every diffusion step.
+    """What the compiled network loses against the torch one, at every diffusion step.
 
     Returns:
         Largest difference of the outputs in normalised actions, and largest output.
@@ -223,7 +223,7 @@ def planner_tables(run: Path | None, rounds: int, contexts: int = 60) -> Iterato
     yield _growth_table(growth(config, run, scenes[::6], rounds))
     worst, largest = denoiser_loss(planners["ddpm"], scenes[::6])
     yield (
-        f"the numpy network differs from the torch one by at most {worst:.1e} in outputs of up to "
+        f"the compiled network differs from the torch one by at most {worst:.1e} in outputs of up to "
         f"{largest:.2f} (normalised actions)"
     )
 

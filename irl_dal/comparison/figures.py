@@ -17,7 +17,7 @@ from irl_dal.evaluation.episode import Episode
 from irl_dal.pages import GREY, drawing
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
-from irl_dal.planner.rollout import EgoRollout
+from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits
 
 __all__ = [
@@ -146,7 +146,7 @@ def draw_paths(
     reach = max(SHORTEST_VIEW, 2.0 + longest)
     with drawing(10.5, 0.9 + 10.0 / len(traces) * 6.0 / (reach + 1.0)) as figure:
         for axes, trace in zip(figure.subplots(1, len(traces), sharey=True), traces, strict=True):
-            path = EgoRollout.of(trace.plan.candidates, limits.wheelbase, limits.dt)
+            path = ego_rollout(trace.plan.candidates, limits.wheelbase, limits.dt)
             zero = np.zeros((len(path.x), 1))
             x, y = np.hstack([zero, path.x]), np.hstack([zero, path.y])
             _lane(axes, context, reach)

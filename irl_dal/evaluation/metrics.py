@@ -58,7 +58,7 @@ from irl_dal.evaluation.statistics import (
     root_ratio,
 )
 from irl_dal.loop import SOURCES
-from irl_dal.planner.rollout import EgoRollout
+from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits
 
 __all__ = [
@@ -242,7 +242,7 @@ def _plan_diversity(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]
         return 0.0, 0.0
     total = 0.0
     for candidates in log.candidates:
-        path = EgoRollout.of(candidates, limits.wheelbase, limits.dt)
+        path = ego_rollout(candidates, limits.wheelbase, limits.dt)
         total += float(pdist(np.column_stack([path.x[:, -1], path.y[:, -1]])).mean())
     return total, float(len(log))
 

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from functools import cache
+from typing import Self
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,6 +32,12 @@ class ActionScale:
         self._per_half = np.where(
             self.half > 0.0, 1.0 / np.where(self.half > 0.0, self.half, 1.0), 0.0
         )
+
+    @classmethod
+    @cache
+    def of(cls, limits: ActuatorLimits) -> Self:
+        """The map of these limits, made once: every plan needs it in half a dozen places."""
+        return cls(limits)
 
     def to_command(self, actions: Array) -> Array:
         """Actions (..., 2) to commands [rad, m/s]."""

@@ -1,19 +1,22 @@
-"""The trained U-Net in numpy, for planning one chunk at a time on a CPU.
+"""The trained U-Net compiled, for planning one chunk at a time on a CPU.
 
 Of a U-Net of this size a deep-learning library spends most of the time on the overhead of its
-operators. Here activations are channels-last, every convolution is one matrix product over a
-strided view, and what depends only on k and the context is computed once per plan for all k.
-The arithmetic is that of `ConditionalUnet1d`, to single-precision rounding.
+operators. Here activations are channels-last, every convolution is one matrix product, norm, FiLM
+and activation are one loop, and what depends only on k and the context is computed once per plan
+for all k. The arithmetic is that of `ConditionalUnet1d`, to single-precision rounding.
 """
 
 from __future__ import annotations
 
+import math
+from typing import NamedTuple
+
 import numpy as np
 import torch
-from numpy.lib.stride_tricks import as_strided
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from irl_dal.compiled import compiled
 from irl_dal.planner.denoiser import (
     NORM_EPSILON,
     ConditionalUnet1d,
@@ -24,75 +27,43 @@ from irl_dal.planner.denoiser import (
 
 Single = NDArray[np.float32]
 
-Film = tuple[Single, Single]
-"""1 + scale and shift of one block, each (S, B or 1, 1, C)."""
+GROUP = 4
+"""Samples whose convolutions share one reading of the weights."""
 
 
-class _Convolution:
-    """A length-3 or length-1 convolution as a matrix (3 * inputs, outputs) or (inputs, outputs).
+class _Layer(NamedTuple):
+    """A length-3 or length-1 convolution as a matrix (3 * inputs, outputs) or (inputs, outputs)."""
 
-    Zero padding keeps the length before the stride. The padded input and the view of its windows
-    are kept for each shape, so an object serves one call at a time.
-    """
-
-    def __init__(self, layer: nn.Conv1d) -> None:
-        assert layer.bias is not None
-        self._weight = _array(layer.weight.permute(2, 1, 0).flatten(0, 1))
-        self._bias = _array(layer.bias)
-        self._stride = layer.stride[0]
-        self._kernel = layer.kernel_size[0]
-        self._buffers: dict[tuple[int, ...], tuple[Single, Single]] = {}
-
-    def __call__(self, x: Single) -> Single:
-        """Convolve (B, length, inputs) to (B, length / stride, outputs)."""
-        batch, length, _ = x.shape
-        if self._kernel == 1:
-            rows = x.reshape(batch * length, -1)
-        else:
-            inside, windows = self._buffers.get(x.shape) or self._allocate(x.shape)
-            inside[...] = x
-            length //= self._stride
-            rows = windows.reshape(batch * length, -1)
-        product = rows @ self._weight
-        product += self._bias
-        return product.reshape(batch, length, -1)
-
-    def _allocate(self, shape: tuple[int, ...]) -> tuple[Single, Single]:
-        """The inside of a padded buffer and its windows (B, length / stride, 3 * inputs)."""
-        batch, length, inputs = shape
-        padded = np.zeros((batch, length + 2, inputs), np.float32)
-        across, along, within = padded.strides
-        windows = as_strided(
-            padded,
-            (batch, length // self._stride, self._kernel * inputs),
-            (across, self._stride * along, within),
-        )
-        self._buffers[shape] = padded[:, 1:-1], windows
-        return self._buffers[shape]
+    weight: Single
+    bias: Single
 
 
-class _Block:
-    """A `ResidualBlock`."""
+class _Block(NamedTuple):
+    """A `ResidualBlock`; one without a skip convolution has an empty one."""
 
-    def __init__(self, block: ResidualBlock) -> None:
-        self.first = _Convolution(block.first)
-        self.second = _Convolution(block.second)
-        self.gain = _array(block.gain)
-        self.skip = None if block.skip is None else _Convolution(block.skip)
+    first: _Layer
+    second: _Layer
+    gain: Single
+    skip: _Layer
 
-    def __call__(self, x: Single, film: Film, index: int) -> Single:
-        """Evaluate on (B, length, inputs) with the FiLM terms of reverse step `index`."""
-        hidden = self.first(x)
-        _normalise(hidden)
-        hidden *= film[0][index]
-        hidden += film[1][index]
-        _silu(hidden)
-        hidden = self.second(hidden)
-        _normalise(hidden)
-        hidden *= self.gain
-        _silu(hidden)
-        hidden += x if self.skip is None else self.skip(x)
-        return hidden
+
+class _Unet(NamedTuple):
+    """Everything in a `ConditionalUnet1d` that x_k passes through."""
+
+    down: _Block
+    shrink: _Layer
+    low: _Block
+    middle: _Block
+    grow: _Layer
+    up: _Block
+    out: _Layer
+
+
+class Film(NamedTuple):
+    """1 + scale and shift of one block for all reverse steps, each (S, B or 1, C)."""
+
+    scale: Single
+    shift: Single
 
 
 class FastDenoiser:
@@ -113,10 +84,15 @@ class FastDenoiser:
         self._mix = _array(network.mix.weight.T), _array(network.mix.bias)
         self._film = _array(network.film.weight.T), _array(network.film.bias)
         self._channels = network.film_channels
-        self._down, self._low = _Block(network.down), _Block(network.low)
-        self._middle, self._up = _Block(network.middle), _Block(network.up)
-        self._shrink, self._grow = _Convolution(network.shrink), _Convolution(network.grow)
-        self._out = _Convolution(network.out)
+        self._unet = _Unet(
+            down=_block(network.down),
+            shrink=_layer(network.shrink),
+            low=_block(network.low),
+            middle=_block(network.middle),
+            grow=_layer(network.grow),
+            up=_block(network.up),
+            out=_layer(network.out),
+        )
 
     def condition(self, context: Single) -> tuple[Film, ...]:
         """FiLM terms of `down`, `low`, `middle` and `up` for all reverse steps.
@@ -133,46 +109,130 @@ class FastDenoiser:
         hidden = self._steps[:, None] + mixed  # (S, B, condition)
         with np.errstate(over="ignore"):
             for weight, bias in (self._mix, self._film):
-                _silu(hidden)
+                hidden /= 1.0 + np.exp(-hidden)  # SiLU; where exp(-x) overflows, x / inf
                 hidden = hidden.reshape(-1, hidden.shape[-1]) @ weight
                 hidden += bias
-        table = hidden.reshape(len(self._steps), len(context), 1, -1)
+        table = hidden.reshape(len(self._steps), len(context), -1)
         films, start = [], 0
         for channels in self._channels:
             scale = table[..., start : start + channels] + np.float32(1.0)
             shift = np.ascontiguousarray(table[..., start + channels : start + 2 * channels])
-            films.append((scale, shift))
+            films.append(Film(scale, shift))
             start += 2 * channels
         return tuple(films)
 
     def predict(self, noisy: NDArray[np.float64], films: tuple[Film, ...], index: int) -> Single:
         """The network's output (B, H, 2) for x_k (B, H, 2) of reverse step `index`."""
-        down, low, middle, up = films
-        with np.errstate(over="ignore"):
-            full = self._down(noisy.astype(np.float32), down, index)
-            half = self._low(self._shrink(full), low, index)
-            half = self._middle(half, middle, index)
-            doubled = self._grow(half).reshape(full.shape)
-            joined = np.concatenate([doubled, full], axis=2)
-            return self._out(self._up(joined, up, index))
+        return _evaluate(self._unet, noisy.astype(np.float32), films, index)
+
+
+@compiled
+def _evaluate(unet: _Unet, noisy: Single, films: tuple[Film, ...], index: int) -> Single:
+    """`ConditionalUnet1d.forward` on (B, H, 2)."""
+    down, low, middle, up = films
+    full = _residual(unet.down, noisy, down, index)
+    half = _residual(unet.low, _convolve(full, unet.shrink, 2), low, index)
+    half = _residual(unet.middle, half, middle, index)
+    batch, length, channels = full.shape
+    joined = np.empty((batch, length, 2 * channels), np.float32)
+    # Two half-length channels become two neighbouring full-length positions.
+    joined[:, :, :channels] = _convolve(half, unet.grow, 1).reshape(batch, length, channels)
+    joined[:, :, channels:] = full
+    return _convolve(_residual(unet.up, joined, up, index), unet.out, 1)
+
+
+@compiled
+def _residual(block: _Block, x: Single, film: Film, index: int) -> Single:
+    """`ResidualBlock.forward` on (B, length, inputs), FiLM terms of reverse step `index`."""
+    hidden = _convolve(x, block.first, 1)
+    _activate(hidden, film.scale[index], film.shift[index])
+    hidden = _convolve(hidden, block.second, 1)
+    gain = block.gain.reshape(1, -1)
+    _activate(hidden, gain, np.zeros_like(gain))
+    if block.skip.weight.size:
+        hidden += _convolve(x, block.skip, 1)
+    else:
+        hidden += x
+    return hidden
+
+
+@compiled
+def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
+    """(B, length, inputs) to (B, length / stride, outputs), padded with zeros.
+
+    A matrix product of so few rows is bound by reading the weights: four rows of them at a time
+    serve all positions of `GROUP` samples, whose sums stay in the nearest cache.
+    """
+    batch, length, inputs = x.shape
+    outputs = len(layer.bias)
+    taps = len(layer.weight) // inputs
+    result = np.empty((batch, length // stride, outputs), np.float32)
+    result[:] = layer.bias
+    for first in range(0, batch, GROUP):
+        samples = range(first, min(first + GROUP, batch))
+        for tap in range(taps):
+            begin = tap * inputs
+            for j in range(0, inputs - 3, 4):
+                w0, w1, w2, w3 = (
+                    layer.weight[begin + j],
+                    layer.weight[begin + j + 1],
+                    layer.weight[begin + j + 2],
+                    layer.weight[begin + j + 3],
+                )
+                for sample in samples:
+                    for place in range(length // stride):
+                        source = place * stride + tap - taps // 2
+                        if 0 <= source < length:
+                            x0, x1, x2, x3 = (
+                                x[sample, source, j],
+                                x[sample, source, j + 1],
+                                x[sample, source, j + 2],
+                                x[sample, source, j + 3],
+                            )
+                            row = result[sample, place]
+                            for c in range(outputs):
+                                row[c] += x0 * w0[c] + x1 * w1[c] + x2 * w2[c] + x3 * w3[c]
+            for j in range(inputs // 4 * 4, inputs):
+                for sample in samples:
+                    for place in range(length // stride):
+                        source = place * stride + tap - taps // 2
+                        if 0 <= source < length:
+                            for c in range(outputs):
+                                weight = layer.weight[begin + j, c]
+                                result[sample, place, c] += x[sample, source, j] * weight
+    return result
+
+
+@compiled
+def _activate(x: Single, scale: Single, shift: Single) -> None:
+    """`ChannelNorm`, scale and shift (B or 1, C), then SiLU, in place on (B, length, C)."""
+    batch, length, channels = x.shape
+    one = np.float32(1.0)
+    for sample in range(batch):
+        shared = sample if len(scale) > 1 else 0
+        for place in range(length):
+            row = x[sample, place]
+            total = np.float32(0.0)
+            for c in range(channels):
+                total += row[c] * row[c]
+            mean = total / np.float32(channels) + np.float32(NORM_EPSILON)
+            factor = one / np.float32(math.sqrt(mean))
+            for c in range(channels):
+                value = row[c] * factor * scale[shared, c] + shift[shared, c]
+                row[c] = value / (one + np.exp(-value))
+
+
+def _layer(layer: nn.Conv1d) -> _Layer:
+    assert layer.bias is not None
+    return _Layer(_array(layer.weight.permute(2, 1, 0).flatten(0, 1)), _array(layer.bias))
+
+
+def _block(block: ResidualBlock) -> _Block:
+    none = _Layer(np.zeros((0, 0), np.float32), np.zeros(0, np.float32))
+    skip = none if block.skip is None else _layer(block.skip)
+    return _Block(_layer(block.first), _layer(block.second), _array(block.gain), skip)
 
 
 def _array(tensor: Tensor) -> Single:
     """A contiguous single-precision copy that shares nothing with torch."""
     return np.array(tensor.detach().cpu().numpy(), dtype=np.float32, order="C")
-
-
-def _normalise(x: Single) -> None:
-    """`ChannelNorm`, in place, on (B, length, C)."""
-    scale = np.vecdot(x, x)
-    scale /= x.shape[2]
-    scale += NORM_EPSILON
-    np.sqrt(scale, out=scale)
-    x /= scale[:, :, None]
-
-
-def _silu(x: Single) -> None:
-    """The activation x * sigmoid(x), in place; where exp(-x) overflows, x / inf is its limit."""
-    divisor = np.exp(np.negative(x))
-    divisor += 1.0
-    x /= divisor

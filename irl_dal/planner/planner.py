@@ -60,6 +60,7 @@ class DiffusionPlanner:
         self.limits = limits
         self.generator = generator
         self.denoiser = _make_denoiser(config, generator)
+        self._weights = tuple(self.denoiser.parameters())
         self.blend = ActionBlend(config.blend)
         self.counts: Counter[str] = Counter()
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
@@ -299,7 +300,7 @@ class DiffusionPlanner:
 
     def _fast_denoiser(self) -> FastDenoiser:
         """The network for inference, renewed when a weight has changed."""
-        stamp = tuple((p.data_ptr(), p._version) for p in self.denoiser.parameters())
+        stamp = tuple((p.data_ptr(), p._version) for p in self._weights)
         if self._snapshot is None or self._snapshot[0] != stamp:
             network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
             self._snapshot = (stamp, network)

@@ -67,7 +67,7 @@ class PlanProjection(Refinement):
         self._previous = previous
         self._last = steps - 1
         self._threshold = threshold
-        self._scale = ActionScale(projector.limits)
+        self._scale = ActionScale.of(projector.limits)
         self.nominal: Array | None = None
         self.projections: tuple[Projection, ...] = ()
         self.calls = 0

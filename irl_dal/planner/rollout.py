@@ -1,31 +1,35 @@
-r"""Where a plan takes the car: the kinematic bicycle for a batch, with its exact gradients.
+"""Roll-outs of plans through the kinematic bicycle, with their derivatives.
 
-The batched twin of `shield.vehicle.KinematicBicycle`, without a Python loop over the horizon.
-Within a step the heading is taken at the step's middle, which bends the chord by at most
-:math:`\Delta\psi^2 / 24` of its length (0.1 mm at 8 m/s and 4 m/s²).
-
-| variable  | meaning                                                              |
-|-----------|----------------------------------------------------------------------|
-| `turn`    | heading change of each step, v dt (tan(delta) / L - kappa) [rad]     |
-| `heading` | heading after each step, its start plus cumsum(turn) [rad]           |
-| `middle`  | heading at the middle of each step [rad]                             |
-| `along`   | advance of each step, v dt [m]                                       |
-
-All arrays are (B, H). Gradients are pulled back with reversed cumulative sums.
+Compiled, because the energies roll a plan out in every reverse step. The arc of a step is driven
+along its middle heading; `shield/vehicle.py` is the same bicycle in CasADi.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.compiled import compiled
+
+__all__ = [
+    "NO_TAIL",
+    "BrakingTail",
+    "EgoRollout",
+    "LanePose",
+    "RoadRollout",
+    "ego_gradient",
+    "ego_rollout",
+    "road_gradient",
+    "road_rollout",
+]
+
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True, slots=True)
-class BrakingTail:
+class BrakingTail(NamedTuple):
     """What comes after the last command of a plan: braking to a stop with the steering held.
 
     Attributes:
@@ -53,172 +57,214 @@ class BrakingTail:
         return braked * (1.0 - 0.5 * braked / np.maximum(stop, 1e-9))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EgoRollout:
+NO_TAIL = BrakingTail(1.0, 0)
+"""Nothing comes after the plan."""
+
+
+class EgoRollout(NamedTuple):
     """Poses of the rear axle in the frame in which it now stands at the origin, heading along x.
 
-    N is H, or H + points with a braking tail.
+    N is H plus the points of the braking tail. What follows the pose is for the derivative.
 
     Attributes:
         x: Position after each step (B, N) [m].
         y: Position after each step (B, N) [m], left.
         heading: Heading after each step (B, N) [rad].
+        cos: Of the middle heading of each step (B, N).
+        sin: Of the middle heading of each step (B, N).
+        along: Arc driven in each step (B, N) [m].
+        per_speed: Its derivative with respect to the commanded speed (B, N) [s].
+        bend: Curvature driven in each step (B, N) [1/m].
+        wheelbase: L [m].
+        horizon: H.
     """
 
     x: Array
     y: Array
     heading: Array
-    _cos: Array
-    _sin: Array
-    _along: Array
-    _bend: Array
-    _last_speed: Array
-    _wheelbase: float
-    _dt: float
-    _tail: BrakingTail | None
-
-    @classmethod
-    def of(
-        cls, commands: Array, wheelbase: float, dt: float, tail: BrakingTail | None = None
-    ) -> EgoRollout:
-        """Roll commands (B, H, 2) [rad, m/s] out.
-
-        Args:
-            commands: (B, H, 2) [rad, m/s].
-            wheelbase: L [m].
-            dt: Step [s].
-            tail: What follows the last command; None for nothing.
-        """
-        along = commands[..., 1] * dt
-        bend = np.tan(commands[..., 0]) / wheelbase
-        last = commands[:, -1:, 1]
-        if tail is not None:
-            stretch = last * np.abs(last) / (2.0 * tail.deceleration * tail.points)
-            along = np.concatenate([along, *[stretch] * tail.points], axis=1)
-            bend = np.concatenate([bend, *[bend[:, -1:]] * tail.points], axis=1)
-        turn = bend * along
-        heading = turn.cumsum(axis=1)
-        middle = heading - 0.5 * turn
-        cos, sin = np.cos(middle), np.sin(middle)
-        x, y = (along * cos).cumsum(axis=1), (along * sin).cumsum(axis=1)
-        return cls(x, y, heading, cos, sin, along, bend, last, wheelbase, dt, tail)
-
-    def pull_back(self, dx: Array, dy: Array, dheading: Array) -> Array:
-        """Gradient with respect to the commands from that with respect to the poses.
-
-        Args:
-            dx: Derivative with respect to `x` (B, N).
-            dy: Derivative with respect to `y` (B, N).
-            dheading: Derivative with respect to `heading` (B, N).
-
-        Returns:
-            (B, H, 2), per radian and per m/s.
-        """
-        later_x, later_y = _later(dx), _later(dy)
-        dmiddle = self._along * (later_y * self._cos - later_x * self._sin)
-        dturn = _later(dmiddle + dheading) - 0.5 * dmiddle
-        dalong = later_x * self._cos + later_y * self._sin + dturn * self._bend
-        dbend = dturn * self._along
-        horizon = dx.shape[1] if self._tail is None else dx.shape[1] - self._tail.points
-        bend = self._bend[:, :horizon]
-        gradient = np.empty((len(dx), horizon, 2))
-        gradient[..., 0] = dbend[:, :horizon]
-        gradient[..., 1] = dalong[:, :horizon] * self._dt
-        if self._tail is not None:
-            stretch = np.abs(self._last_speed[:, 0]) / (self._tail.deceleration * self._tail.points)
-            gradient[:, -1, 0] += dbend[:, horizon:].sum(axis=1)
-            gradient[:, -1, 1] += dalong[:, horizon:].sum(axis=1) * stretch
-        gradient[..., 0] *= 1.0 / self._wheelbase + self._wheelbase * bend * bend
-        return gradient
+    cos: Array
+    sin: Array
+    along: Array
+    per_speed: Array
+    bend: Array
+    wheelbase: float
+    horizon: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RoadRollout:
+@compiled
+def ego_rollout(
+    commands: Array, wheelbase: float, dt: float, tail: BrakingTail = NO_TAIL
+) -> EgoRollout:
+    """Roll commands out in the ego frame.
+
+    Args:
+        commands: (B, H, 2) [rad, m/s].
+        wheelbase: L [m].
+        dt: Step [s].
+        tail: What follows the last command.
+    """
+    batch, horizon, _ = commands.shape
+    shape = (batch, horizon + tail.points)
+    x, y, heading = np.empty(shape), np.empty(shape), np.empty(shape)
+    cos, sin = np.empty(shape), np.empty(shape)
+    along, per_speed, bend = np.empty(shape), np.empty(shape), np.empty(shape)
+    for b in range(batch):
+        east = north = turned = 0.0
+        for i in range(shape[1]):
+            steering, speed = commands[b, min(i, horizon - 1)]
+            per_speed[b, i], along[b, i] = dt, dt * speed
+            if i >= horizon:
+                per_speed[b, i] = abs(speed) / (tail.deceleration * tail.points)
+                along[b, i] = 0.5 * speed * per_speed[b, i]
+            bend[b, i] = math.tan(steering) / wheelbase
+            turn = bend[b, i] * along[b, i]
+            cos[b, i], sin[b, i] = math.cos(turned + 0.5 * turn), math.sin(turned + 0.5 * turn)
+            turned += turn
+            east += along[b, i] * cos[b, i]
+            north += along[b, i] * sin[b, i]
+            x[b, i], y[b, i], heading[b, i] = east, north, turned
+    return EgoRollout(x, y, heading, cos, sin, along, per_speed, bend, wheelbase, horizon)
+
+
+@compiled
+def ego_gradient(ego: EgoRollout, dx: Array, dy: Array, dheading: Array) -> Array:
+    """Gradient with respect to the commands from that with respect to the poses.
+
+    Args:
+        ego: The roll-out.
+        dx: Derivative with respect to `x` (B, N).
+        dy: Derivative with respect to `y` (B, N).
+        dheading: Derivative with respect to `heading` (B, N).
+
+    Returns:
+        (B, H, 2), per radian and per m/s.
+    """
+    batch, count = ego.x.shape
+    gradient = np.zeros((batch, ego.horizon, 2))
+    for b in range(batch):
+        later_x = later_y = later_turn = 0.0
+        for i in range(count - 1, -1, -1):
+            cos, sin, along, bend = ego.cos[b, i], ego.sin[b, i], ego.along[b, i], ego.bend[b, i]
+            later_x += dx[b, i]
+            later_y += dy[b, i]
+            dmiddle = along * (later_y * cos - later_x * sin)
+            later_turn += dmiddle + dheading[b, i]
+            dturn = later_turn - 0.5 * dmiddle
+            dalong = later_x * cos + later_y * sin + dturn * bend
+            per_radian = 1.0 / ego.wheelbase + ego.wheelbase * bend * bend
+            command = min(i, ego.horizon - 1)
+            gradient[b, command, 0] += dturn * along * per_radian
+            gradient[b, command, 1] += dalong * ego.per_speed[b, i]
+    return gradient
+
+
+class LanePose(NamedTuple):
+    """Where the car is in its lane, which bends as a clothoid.
+
+    Attributes:
+        offset: Lateral offset [m], positive left of the home lane's centre.
+        heading: Heading error [rad].
+        curvature: Of the lane here [1/m], positive left.
+        curvature_rate: Its change along the driven arc [1/m^2].
+    """
+
+    offset: float
+    heading: float
+    curvature: float
+    curvature_rate: float = 0.0
+
+
+class RoadRollout(NamedTuple):
     """Lateral offset and heading error along the lane, to first order in offset * curvature.
 
-    The lane bends as a clothoid: kappa(s) = curvature + curvature_rate * s, with s the driven arc.
+    What follows the heading is for the derivative.
 
     Attributes:
         offset: Lateral offset after each step (B, H) [m], positive left of the home lane's centre.
         heading: Heading error after each step (B, H) [rad].
+        cos: Of the middle heading error of each step (B, H).
+        sin: Of the middle heading error of each step (B, H).
+        along: Arc driven in each step (B, H) [m].
+        steer: Curvature driven in each step (B, H) [1/m].
+        bend: The same relative to the lane (B, H) [1/m].
+        wheelbase: L [m].
+        dt: Step [s].
+        curvature_rate: Of the lane [1/m^2].
     """
 
     offset: Array
     heading: Array
-    _cos: Array
-    _sin: Array
-    _along: Array
-    _dt: float
-    _bend: Array
-    _stretch: Array
-    _curvature_rate: float
-
-    @classmethod
-    def of(
-        cls,
-        commands: Array,
-        wheelbase: float,
-        dt: float,
-        *,
-        offset: float,
-        heading: float,
-        curvature: float,
-        curvature_rate: float = 0.0,
-    ) -> RoadRollout:
-        """Roll commands out from a lane pose.
-
-        Args:
-            commands: (B, H, 2) [rad, m/s].
-            wheelbase: L [m].
-            dt: Step [s].
-            offset: Lateral offset now [m].
-            heading: Heading error now [rad].
-            curvature: Of the lane here [1/m], positive left.
-            curvature_rate: Its change along the lane [1/m^2].
-        """
-        along = commands[..., 1] * dt
-        steer = np.tan(commands[..., 0]) / wheelbase
-        lane = curvature + curvature_rate * (along.cumsum(axis=1) - 0.5 * along)
-        bend = steer - lane
-        turn = bend * along
-        after = heading + turn.cumsum(axis=1)
-        middle = after - 0.5 * turn
-        cos, sin = np.cos(middle), np.sin(middle)
-        return cls(
-            offset=offset + (along * sin).cumsum(axis=1),
-            heading=after,
-            _cos=cos,
-            _sin=sin,
-            _along=along,
-            _dt=dt,
-            _bend=bend,
-            _stretch=along * (1.0 / wheelbase + wheelbase * steer * steer),
-            _curvature_rate=curvature_rate,
-        )
-
-    def pull_back(self, doffset: Array, dheading: Array | None = None) -> Array:
-        """Gradient with respect to the commands from that with respect to offset and heading.
-
-        Args:
-            doffset: Derivative with respect to `offset` (B, H).
-            dheading: Derivative with respect to `heading` (B, H); None for zero.
-
-        Returns:
-            (B, H, 2), per radian and per m/s.
-        """
-        later = _later(doffset)
-        dmiddle = later * self._along * self._cos
-        dturn = _later(dmiddle if dheading is None else dmiddle + dheading) - 0.5 * dmiddle
-        dalong = later * self._sin + dturn * self._bend
-        if self._curvature_rate != 0.0:
-            dlane = -dturn * self._along * self._curvature_rate
-            dalong += _later(dlane) - 0.5 * dlane
-        gradient = np.empty((*doffset.shape, 2))
-        gradient[..., 0] = dturn * self._stretch
-        gradient[..., 1] = self._dt * dalong
-        return gradient
+    cos: Array
+    sin: Array
+    along: Array
+    steer: Array
+    bend: Array
+    wheelbase: float
+    dt: float
+    curvature_rate: float
 
 
-def _later(values: Array) -> Array:
-    """Sum over this and all later steps (B, H)."""
-    return values[:, ::-1].cumsum(axis=1)[:, ::-1]
+@compiled
+def road_rollout(commands: Array, wheelbase: float, dt: float, start: LanePose) -> RoadRollout:
+    """Roll commands out along the lane.
+
+    Args:
+        commands: (B, H, 2) [rad, m/s].
+        wheelbase: L [m].
+        dt: Step [s].
+        start: Where the car is now.
+    """
+    batch, horizon, _ = commands.shape
+    shape = (batch, horizon)
+    offset, heading = np.empty(shape), np.empty(shape)
+    cos, sin = np.empty(shape), np.empty(shape)
+    along, steer, bend = np.empty(shape), np.empty(shape), np.empty(shape)
+    for b in range(batch):
+        aside, turned, driven = start.offset, start.heading, 0.0
+        for i in range(horizon):
+            steering, speed = commands[b, i]
+            along[b, i] = dt * speed
+            steer[b, i] = math.tan(steering) / wheelbase
+            middle = driven + 0.5 * along[b, i]
+            bend[b, i] = steer[b, i] - (start.curvature + start.curvature_rate * middle)
+            turn = bend[b, i] * along[b, i]
+            cos[b, i], sin[b, i] = math.cos(turned + 0.5 * turn), math.sin(turned + 0.5 * turn)
+            driven += along[b, i]
+            turned += turn
+            aside += along[b, i] * sin[b, i]
+            offset[b, i], heading[b, i] = aside, turned
+    return RoadRollout(
+        offset, heading, cos, sin, along, steer, bend, wheelbase, dt, start.curvature_rate
+    )
+
+
+@compiled
+def road_gradient(road: RoadRollout, doffset: Array, dheading: Array) -> Array:
+    """Gradient with respect to the commands from that with respect to offset and heading.
+
+    Args:
+        road: The roll-out.
+        doffset: Derivative with respect to `offset` (B, H).
+        dheading: Derivative with respect to `heading` (B, H).
+
+    Returns:
+        (B, H, 2), per radian and per m/s.
+    """
+    batch, horizon = road.offset.shape
+    gradient = np.empty((batch, horizon, 2))
+    for b in range(batch):
+        later_offset = later_turn = later_lane = 0.0
+        for i in range(horizon - 1, -1, -1):
+            along, steer = road.along[b, i], road.steer[b, i]
+            later_offset += doffset[b, i]
+            dmiddle = later_offset * along * road.cos[b, i]
+            later_turn += dmiddle + dheading[b, i]
+            dturn = later_turn - 0.5 * dmiddle
+            dlane = -dturn * along * road.curvature_rate
+            later_lane += dlane
+            dalong = later_offset * road.sin[b, i] + dturn * road.bend[b, i]
+            dalong += later_lane - 0.5 * dlane
+            per_radian = 1.0 / road.wheelbase + road.wheelbase * steer * steer
+            gradient[b, i, 0] = dturn * along * per_radian
+            gradient[b, i, 1] = dalong * road.dt
+    return gradient

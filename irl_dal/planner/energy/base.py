@@ -54,7 +54,7 @@ class Energy(ABC):
         self.config = config
         self.limits = limits
         self.horizon = horizon
-        self.scale = ActionScale(limits)
+        self.scale = ActionScale.of(limits)
 
     @property
     def active(self) -> bool:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from irl_dal.compiled import compiled
 from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
-from irl_dal.planner.rollout import BrakingTail, EgoRollout
+from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_rollout
 from shield import ActuatorLimits
 
 LIDAR_POSITION = 3.6
@@ -41,58 +44,34 @@ class ClearanceEnergy(Energy):
     ) -> None:
         super().__init__(context, config, limits, horizon)
         self._weight = clearance_weight(context, config)
-        braking = config.braking
-        self._tail = None if braking is None else BrakingTail(braking)
+        self._tail = NO_TAIL if config.braking is None else BrakingTail(config.braking)
         points, velocities = self._reachable(*scan_points(context))
         driven = limits.dt * np.arange(1, horizon + 1)[:, None] * np.ones(len(points))
-        if self._tail is not None:
+        if self._tail.points:
             speeds = np.linalg.norm(velocities, axis=1)
             rest = self._tail.driven(float(context.previous[1]), speeds)
             driven = np.concatenate([driven, driven[-1] + rest])
         moving = points + driven[..., None] * velocities  # (N, P, 2)
-        self._east = moving[:, None, :, 0].copy()
-        self._north = moving[:, None, :, 1].copy()
+        self._east, self._north = moving[..., 0].copy(), moving[..., 1].copy()
 
     @property
     def active(self) -> bool:
         """Whether any point can come near."""
-        return self._east.shape[2] > 0 and self._weight > 0
+        return self._east.size > 0 and self._weight > 0
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        ego = EgoRollout.of(plans.commands, self.limits.wheelbase, self.limits.dt, self._tail)
-        distance, east, north, disc = self._nearest(ego)
-        gap = self.config.safe_clearance - (distance - DISC_RADIUS)
-        gap = np.maximum(gap, 0.0) / self.config.clearance_scale
-        factor = self._weight / gap.shape[1]
-        value = factor * np.einsum("bh,bh->b", gap, gap)
-        # d(value) / d(distance) along the unit vector from the point to the disc.
-        pull = -2.0 * factor / self.config.clearance_scale * gap / np.maximum(distance, 1e-9)
-        dx, dy = pull * east, pull * north
-        dheading = disc * (dy * np.cos(ego.heading) - dx * np.sin(ego.heading))
-        return value, self._per_action(ego.pull_back(dx, dy, dheading))
-
-    def _nearest(self, ego: EgoRollout) -> tuple[Array, Array, Array, Array]:
-        """Distance, its two components (disc minus point) and the disc's place, each (B, H)."""
-        batch, horizon = ego.x.shape
-        cos, sin = np.cos(ego.heading), np.sin(ego.heading)
-        x = ego.x[..., None] + cos[..., None] * DISC_CENTRES  # (B, H, discs)
-        y = ego.y[..., None] + sin[..., None] * DISC_CENTRES
-        east = x[..., None] - self._east
-        north = y[..., None] - self._north
-        squared = east * east
-        squared += north * north
-        nearest = squared.reshape(batch * horizon, -1).argmin(axis=1)
-        count = squared.shape[2] * squared.shape[3]
-        picked = nearest + count * np.arange(batch * horizon)
-        shape = (batch, horizon)
-        disc = DISC_CENTRES[nearest // squared.shape[3]]
-        return (
-            np.sqrt(squared.ravel()[picked]).reshape(shape),
-            east.ravel()[picked].reshape(shape),
-            north.ravel()[picked].reshape(shape),
-            disc.reshape(shape),
+        value, gradient = _nearness(
+            plans.commands,
+            self._east,
+            self._north,
+            self.config.safe_clearance,
+            self._weight / self.config.clearance_scale**2,
+            self.limits.wheelbase,
+            self.limits.dt,
+            self._tail,
         )
+        return value, self._per_action(gradient)
 
     def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
         """The points that can come within the safe clearance during the horizon."""
@@ -104,6 +83,48 @@ class ClearanceEnergy(Energy):
             longest += own / self.config.braking
         near = np.linalg.norm(points, axis=1) < reach + speed * longest
         return points[near], velocities[near]
+
+
+@compiled
+def _nearness(
+    commands: Array,
+    east: Array,
+    north: Array,
+    safe: float,
+    weight: float,
+    wheelbase: float,
+    dt: float,
+    tail: BrakingTail,
+) -> tuple[Array, Array]:
+    """`weight` times the mean over N of max(0, safe - d_i)^2, and its derivative per command.
+
+    Points are where they are at each of the N poses, (N, P).
+    """
+    ego = ego_rollout(commands, wheelbase, dt, tail)
+    batch, count = ego.x.shape
+    value = np.zeros(batch)
+    dx, dy = np.zeros((batch, count)), np.zeros((batch, count))
+    dheading = np.zeros((batch, count))
+    for b in range(batch):
+        for i in range(count):
+            cos, sin = math.cos(ego.heading[b, i]), math.sin(ego.heading[b, i])
+            least, point, disc = math.inf, 0, 0.0
+            for centre in DISC_CENTRES:
+                x, y = ego.x[b, i] + centre * cos, ego.y[b, i] + centre * sin
+                for p in range(east.shape[1]):
+                    squared = (x - east[i, p]) ** 2 + (y - north[i, p]) ** 2
+                    if squared < least:
+                        least, point, disc = squared, p, centre
+            distance = math.sqrt(least)
+            gap = safe + DISC_RADIUS - distance
+            if gap > 0.0:
+                value[b] += weight / count * gap * gap
+                # d(value) / d(distance) along the unit vector from the point to the disc.
+                pull = -2.0 * weight / count * gap / max(distance, 1e-9)
+                dx[b, i] = pull * (ego.x[b, i] + disc * cos - east[i, point])
+                dy[b, i] = pull * (ego.y[b, i] + disc * sin - north[i, point])
+                dheading[b, i] = disc * (dy[b, i] * cos - dx[b, i] * sin)
+    return value, ego_gradient(ego, dx, dy, dheading)
 
 
 class PrintedClearanceEnergy(ConstantEnergy):

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
+from irl_dal.compiled import compiled
 from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.open_lanes import open_lanes
-from irl_dal.planner.rollout import RoadRollout
+from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
 from shield import ActuatorLimits
 
 
@@ -29,6 +32,13 @@ class LaneEnergy(Energy):
         super().__init__(context, config, limits, horizon)
         self._centres = np.array(open_lanes(context))
         self._weight = lane_weight(context, config)
+        lane = context.lane
+        self._start = LanePose(
+            float(lane.lateral_offset),
+            float(lane.heading_error),
+            float(lane.curvature),
+            float(lane.curvature_rate),
+        )
 
     @property
     def active(self) -> bool:
@@ -37,31 +47,45 @@ class LaneEnergy(Energy):
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        lane, preview = self.context.lane, self.config.lane_preview
-        road = RoadRollout.of(
+        value, gradient = _deviation(
             plans.commands,
+            self._start,
+            self._centres,
+            self.config.lane_preview,
+            self._weight / self.config.lane_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
-            offset=lane.lateral_offset,
-            heading=lane.heading_error,
-            curvature=lane.curvature,
-            curvature_rate=lane.curvature_rate,
         )
-        seen = preview * plans.commands[..., 1]
-        drift = np.sin(road.heading)
-        place = road.offset + seen * drift
-        error = place - self._nearest_centre(place[:, -1:])
-        factor = self._weight / (error.shape[1] * self.config.lane_scale**2)
-        value = factor * np.einsum("bh,bh->b", error, error)
-        error *= 2.0 * factor
-        gradient = road.pull_back(error, error * seen * np.cos(road.heading))
-        gradient[..., 1] += preview * error * drift
         return value, self._per_action(gradient)
 
-    def _nearest_centre(self, place: Array) -> Array:
-        """The admissible lane centre nearest to a place (B, 1); constant for the gradient."""
-        nearest: Array = self._centres[np.abs(place[..., None] - self._centres).argmin(axis=-1)]
-        return nearest
+
+@compiled
+def _deviation(
+    commands: Array,
+    start: LanePose,
+    centres: Array,
+    preview: float,
+    weight: float,
+    wheelbase: float,
+    dt: float,
+) -> tuple[Array, Array]:
+    """`weight` times the mean over H of (e_i - c)^2, and its derivative per command."""
+    road = road_rollout(commands, wheelbase, dt, start)
+    batch, horizon = road.offset.shape
+    value = np.zeros(batch)
+    doffset, dheading = np.empty((batch, horizon)), np.empty((batch, horizon))
+    for b in range(batch):
+        end = road.offset[b, -1] + preview * commands[b, -1, 1] * math.sin(road.heading[b, -1])
+        centre = centres[np.argmin(np.abs(end - centres))]  # a constant for the gradient
+        for i in range(horizon):
+            seen = preview * commands[b, i, 1]
+            error = road.offset[b, i] + seen * math.sin(road.heading[b, i]) - centre
+            value[b] += weight / horizon * error * error
+            doffset[b, i] = 2.0 * weight / horizon * error
+            dheading[b, i] = doffset[b, i] * seen * math.cos(road.heading[b, i])
+    gradient = road_gradient(road, doffset, dheading)
+    gradient[..., 1] += preview * doffset * np.sin(road.heading)
+    return value, gradient
 
 
 class PrintedLaneEnergy(ConstantEnergy):

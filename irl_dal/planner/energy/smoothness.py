@@ -6,6 +6,7 @@ import math
 
 import numpy as np
 
+from irl_dal.compiled import compiled
 from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.base import Array, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
@@ -34,20 +35,8 @@ class JerkEnergy(Energy):
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        actions = plans.actions
-        steps = np.empty_like(actions)
-        steps[:, 1:] = actions[:, 1:] - actions[:, :-1]
-        if self.config.forms == "printed":
-            steps[:, 0] = 0.0
-            factor = self.config.jerk_weight / (actions.shape[1] - 1)
-        else:
-            steps[:, 0] = actions[:, 0] - self._previous
-            factor = self.config.jerk_weight / actions.shape[1]
-        value = factor * np.einsum("bhc,bhc->b", steps, steps)
-        steps *= 2.0 * factor
-        gradient = steps.copy()
-        gradient[:, :-1] -= steps[:, 1:]
-        return value, gradient
+        first = 1 if self.config.forms == "printed" else 0
+        return _steps(plans.actions, self._previous, first, self.config.jerk_weight)
 
 
 class StabilityEnergy(Energy):
@@ -83,7 +72,7 @@ class StabilityEnergy(Energy):
 
     def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        return _mean_square(plans.actions - self._neutral, self.config.stability_weight)
+        return _distance(plans.actions, self._neutral[None], self.config.stability_weight)
 
 
 class ExpertEnergy(Energy):
@@ -103,12 +92,37 @@ class ExpertEnergy(Energy):
         """Energies (B,) and gradients (B, H, 2)."""
         assert self.context.expert_reference is not None
         reference = self.scale.to_action(self.context.expert_reference)
-        return _mean_square(plans.actions - reference, self.config.expert_weight)
+        return _distance(plans.actions, reference, self.config.expert_weight)
 
 
-def _mean_square(away: Array, weight: float) -> tuple[Array, Array]:
-    """`weight` times the mean over H of the squared (B, H, 2), and its derivative."""
-    factor = weight / away.shape[1]
-    value = factor * np.einsum("bhc,bhc->b", away, away)
-    away *= 2.0 * factor
-    return value, away
+@compiled
+def _steps(actions: Array, previous: Array, first: int, weight: float) -> tuple[Array, Array]:
+    """`weight` times the mean squared step from `first` on, and its derivative (B, H, 2)."""
+    batch, horizon, size = actions.shape
+    factor = weight / (horizon - first)
+    value, gradient = np.zeros(batch), np.zeros(actions.shape)
+    for b in range(batch):
+        for i in range(first, horizon):
+            for c in range(size):
+                before = actions[b, i - 1, c] if i else previous[c]
+                step = actions[b, i, c] - before
+                value[b] += factor * step * step
+                gradient[b, i, c] += 2.0 * factor * step
+                if i:
+                    gradient[b, i - 1, c] -= 2.0 * factor * step
+    return value, gradient
+
+
+@compiled
+def _distance(actions: Array, wanted: Array, weight: float) -> tuple[Array, Array]:
+    """`weight` times the mean squared distance from (H or 1, 2), and its derivative (B, H, 2)."""
+    batch, horizon, size = actions.shape
+    factor = weight / horizon
+    value, gradient = np.zeros(batch), np.empty(actions.shape)
+    for b in range(batch):
+        for i in range(horizon):
+            for c in range(size):
+                away = actions[b, i, c] - wanted[min(i, len(wanted) - 1), c]
+                value[b] += factor * away * away
+                gradient[b, i, c] = 2.0 * factor * away
+    return value, gradient

@@ -67,7 +67,7 @@ def test_step_embedding_tells_the_steps_apart() -> None:
 @pytest.mark.parametrize("shared", [True, False])
 @pytest.mark.parametrize(("batch", "horizon"), [(1, 8), (5, 8), (2, 16)])
 def test_fast_denoiser_is_the_network(batch: int, horizon: int, shared: bool, width: int) -> None:
-    """The numpy network predicts what the torch network does, for every reverse step."""
+    """The compiled network predicts what the torch network does, for every reverse step."""
     unet = network(width)
     steps = np.array([100, 61, 7, 1])
     fast = FastDenoiser(unet, steps)

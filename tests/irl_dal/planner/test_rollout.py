@@ -6,7 +6,17 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from irl_dal.planner.rollout import BrakingTail, EgoRollout, RoadRollout
+from irl_dal.planner.rollout import (
+    NO_TAIL,
+    BrakingTail,
+    EgoRollout,
+    LanePose,
+    RoadRollout,
+    ego_gradient,
+    ego_rollout,
+    road_gradient,
+    road_rollout,
+)
 from shield.vehicle import KinematicBicycle
 
 Array = NDArray[np.float64]
@@ -25,12 +35,12 @@ def commands(seed: int, batch: int = 3, horizon: int = 8) -> Array:
 
 def ego(values: Array) -> EgoRollout:
     """Roll out in the ego frame."""
-    return EgoRollout.of(values, WHEELBASE, DT)
+    return ego_rollout(values, WHEELBASE, DT)
 
 
 def road(values: Array, **changes: float) -> RoadRollout:
     """Roll out in the road frame."""
-    return RoadRollout.of(values, WHEELBASE, DT, **{**LANE, **changes})
+    return road_rollout(values, WHEELBASE, DT, LanePose(**{**LANE, **changes}))
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -94,7 +104,7 @@ def test_braking_tail_stops_where_a_braking_car_does() -> None:
     """After the plan the car drives v^2 / 2b along its last arc, in evenly spaced poses."""
     tail = BrakingTail(deceleration=4.0, points=4)
     values = np.full((1, 8, 2), (0.1, 8.0))
-    rolled = EgoRollout.of(values, WHEELBASE, DT, tail)
+    rolled = ego_rollout(values, WHEELBASE, DT, tail)
     assert rolled.x.shape == (1, 12)
     np.testing.assert_allclose(rolled.x[:, :8], ego(values).x)
     turned = math.tan(0.1) / WHEELBASE * (8.0 * 0.8 + 8.0**2 / 8.0)
@@ -129,8 +139,8 @@ def test_gradients_against_finite_differences(seed: int) -> None:
     rng = np.random.default_rng(seed)
     a, b, c = rng.normal(size=(3, 2, 12))
 
-    def of_ego(moved: Array, tail: BrakingTail | None = None) -> float:
-        rolled = EgoRollout.of(moved, WHEELBASE, DT, tail)
+    def of_ego(moved: Array, tail: BrakingTail = NO_TAIL) -> float:
+        rolled = ego_rollout(moved, WHEELBASE, DT, tail)
         n = rolled.x.shape[1]
         return float((a[:, :n] * rolled.x + b[:, :n] * rolled.y + c[:, :n] * rolled.heading).sum())
 
@@ -139,10 +149,10 @@ def test_gradients_against_finite_differences(seed: int) -> None:
         return float((a[:, :8] * rolled.offset + c[:, :8] * rolled.heading).sum())
 
     tail = BrakingTail(deceleration=4.0)
-    with_tail = EgoRollout.of(values, WHEELBASE, DT, tail)
+    with_tail = ego_rollout(values, WHEELBASE, DT, tail)
     for got, function in (
-        (ego(values).pull_back(a[:, :8], b[:, :8], c[:, :8]), of_ego),
-        (with_tail.pull_back(a, b, c), lambda moved: of_ego(moved, tail)),
-        (road(values).pull_back(a[:, :8], c[:, :8]), of_road),
+        (ego_gradient(ego(values), a[:, :8], b[:, :8], c[:, :8]), of_ego),
+        (ego_gradient(with_tail, a, b, c), lambda moved: of_ego(moved, tail)),
+        (road_gradient(road(values), a[:, :8], c[:, :8]), of_road),
     ):
         np.testing.assert_allclose(got, finite_differences(function, values), atol=2e-6)
