@@ -223,8 +223,8 @@ def planner_tables(run: Path | None, rounds: int, contexts: int = 60) -> Iterato
     yield _growth_table(growth(config, run, scenes[::6], rounds))
     worst, largest = denoiser_loss(planners["ddpm"], scenes[::6])
     yield (
-        f"the compiled network differs from the torch one by at most {worst:.1e} in outputs of up to "
-        f"{largest:.2f} (normalised actions)"
+        f"the compiled network differs from the torch one by at most {worst:.1e} in outputs of up "
+        f"to {largest:.2f} (normalised actions)"
     )
 
 
