@@ -205,7 +205,7 @@ def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
 
 @compiled
 def _activate(x: Single, scale: Single, shift: Single) -> None:
-    """`ChannelNorm`, scale and shift (B or 1, C), then SiLU, in place on (B, length, C)."""
+    """`normalise`, scale and shift (B or 1, C), then SiLU, in place on (B, length, C)."""
     batch, length, channels = x.shape
     one = np.float32(1.0)
     for sample in range(batch):
