@@ -7,9 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
-from irl_dal.learning.policy import DrivingPolicy
+from irl_dal.learning.policy import DrivingPolicy, mean_action
 from irl_dal.loop import ControlLoop, Observation
 
 __all__ = ["Agent", "ExpertAgent", "PolicyAgent", "RandomAgent", "StepResult"]
@@ -52,8 +53,11 @@ class PolicyAgent:
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
         """The policy's mean action (2,), clipped to the action space."""
-        action, _ = self.policy.predict(observation, deterministic=True)
-        return np.asarray(action, np.float64)
+        seen, _ = self.policy.obs_to_tensor(dict(observation))
+        assert isinstance(seen, dict)
+        with torch.inference_mode():
+            action = mean_action(self.policy, seen)[0]
+        return np.clip(action.cpu().numpy().astype(np.float64), -1.0, 1.0)
 
     def drive(self, loop: ControlLoop, action: Array) -> StepResult:
         """Under planner and shield, as far as the loop has them."""

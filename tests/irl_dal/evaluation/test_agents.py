@@ -1,8 +1,25 @@
 import numpy as np
+import torch
 
-from irl_dal.evaluation.agents import ExpertAgent, RandomAgent
+from irl_dal.evaluation.agents import ExpertAgent, PolicyAgent, RandomAgent
+from tests.irl_dal.learning.samples import new_policy, observation
 
 from .small import small_bench
+
+
+def test_the_policys_answer_is_what_stable_baselines3_predicts() -> None:
+    """The mean action, clipped to the action space, bit by bit."""
+    policy, rng = new_policy(), np.random.default_rng(0)
+    with torch.no_grad():
+        policy.action_net.weight *= 300.0  # so that some answers are clipped
+    agent, answers = PolicyAgent(policy), []
+    for _ in range(20):
+        seen = observation(rng)
+        answers.append(agent.act(seen, {}))
+        predicted, _ = policy.predict(seen, deterministic=True)
+        np.testing.assert_array_equal(answers[-1], predicted)
+    clipped = np.abs(answers) == 1.0
+    assert clipped.any() and not clipped.all()
 
 
 def test_random_actions_repeat_with_the_seed() -> None:
