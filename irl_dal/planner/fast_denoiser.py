@@ -171,35 +171,24 @@ def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
     for first in range(0, batch, GROUP):
         samples = range(first, min(first + GROUP, batch))
         for tap in range(taps):
-            begin = tap * inputs
+            weight = layer.weight[tap * inputs : (tap + 1) * inputs]
             for j in range(0, inputs - 3, 4):
-                w0, w1, w2, w3 = (
-                    layer.weight[begin + j],
-                    layer.weight[begin + j + 1],
-                    layer.weight[begin + j + 2],
-                    layer.weight[begin + j + 3],
-                )
+                w0, w1, w2, w3 = weight[j], weight[j + 1], weight[j + 2], weight[j + 3]
                 for sample in samples:
                     for place in range(length // stride):
                         source = place * stride + tap - taps // 2
                         if 0 <= source < length:
-                            x0, x1, x2, x3 = (
-                                x[sample, source, j],
-                                x[sample, source, j + 1],
-                                x[sample, source, j + 2],
-                                x[sample, source, j + 3],
-                            )
-                            row = result[sample, place]
+                            seen, row = x[sample, source], result[sample, place]
+                            x0, x1, x2, x3 = seen[j], seen[j + 1], seen[j + 2], seen[j + 3]
                             for c in range(outputs):
                                 row[c] += x0 * w0[c] + x1 * w1[c] + x2 * w2[c] + x3 * w3[c]
-            for j in range(inputs // 4 * 4, inputs):
+            for j in range(inputs // 4 * 4, inputs):  # what is left over
                 for sample in samples:
                     for place in range(length // stride):
                         source = place * stride + tap - taps // 2
                         if 0 <= source < length:
                             for c in range(outputs):
-                                weight = layer.weight[begin + j, c]
-                                result[sample, place, c] += x[sample, source, j] * weight
+                                result[sample, place, c] += x[sample, source, j] * weight[j, c]
     return result
 
 

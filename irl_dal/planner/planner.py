@@ -6,6 +6,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +16,7 @@ from torch import Tensor, nn
 
 from irl_dal.planner.blend import ActionBlend
 from irl_dal.planner.config import PlannerConfig
-from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
+from irl_dal.planner.context import BEAMS, CONTEXT_SIZE, PlanningContext
 from irl_dal.planner.denoiser import ACTION_SIZE, ConditionalUnet1d
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
@@ -24,7 +25,7 @@ from irl_dal.planner.noise_schedule import NoiseSchedule
 from irl_dal.planner.plan import Plan
 from irl_dal.planner.projection import PlanProjection
 from irl_dal.planner.sampler import Refinement
-from shield import ActuatorLimits, HorizonProjector, Status
+from shield import ActuatorLimits, ClearanceEstimate, HorizonProjector, LaneEstimate, Status
 from shield.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
@@ -71,6 +72,8 @@ class DiffusionPlanner:
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
+        if config.deadline is not None:
+            _compile(config, limits)
 
     def reset(self) -> None:
         """Forget the last plan and the blend's average: at the start of an episode."""
@@ -305,6 +308,19 @@ class DiffusionPlanner:
             network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
             self._snapshot = (stamp, network)
         return self._snapshot[1]
+
+
+def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:
+    """Plan once without a deadline, so that no later plan is late because of a compiler."""
+    ordinary = PlanningContext(
+        scan=np.full(BEAMS, 5.0),
+        clearance=ClearanceEstimate(5.0, 0.0, 0.1, 0.0, True),
+        lane=LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.1, 0.0, True),
+        speed=5.0,
+        previous=np.array([0.0, 5.0]),
+    )
+    patient = replace(config, deadline=None)
+    DiffusionPlanner(patient, limits, generator=torch.Generator()).plan(ordinary)
 
 
 def _make_denoiser(config: PlannerConfig, generator: torch.Generator) -> ConditionalUnet1d:

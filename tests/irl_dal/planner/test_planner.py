@@ -1,8 +1,12 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -352,3 +356,18 @@ def test_without_a_deadline_a_busy_machine_changes_nothing(monkeypatch: pytest.M
     for quick, late in zip(*plans, strict=True):
         np.testing.assert_array_equal(quick.actions, late.actions)
         assert quick.status == late.status
+
+
+@pytest.mark.slow
+def test_no_plan_is_late_because_of_a_compiler(tmp_path: Path) -> None:
+    """In a process whose compiled code is not kept anywhere yet, the first plan is in time."""
+    script = (
+        "import torch; from tests.irl_dal.planner.scenes import context, planner;"
+        "made = planner(deadline=1.0); plan = made.plan(context());"
+        "print(made.counts['fallback_deadline'], plan.latency)"
+    )
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    command = [sys.executable, "-c", script]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    late, latency = done.stdout.split()
+    assert late == "0" and float(latency) < 1.0
