@@ -128,7 +128,7 @@ def _table(
 ) -> Table:
     """Numbers in columns, the arms in rows."""
     table = Table(
-        title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False, collapse_padding=True
+        title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False
     )
     table.add_column("", no_wrap=True)
     for column in columns:
