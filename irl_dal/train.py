@@ -21,6 +21,7 @@ from irl_dal.command import run_command
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
+from irl_dal.memory import keep_freed_memory
 from irl_dal.overrides import stated, unchanged
 from irl_dal.runs import RunFolder, create_run, default_run_dir, open_run, provenance
 from irl_dal.threads import one_thread
@@ -88,6 +89,7 @@ def _earlier(composed: DictConfig) -> RunFolder:
 def _train(folder: RunFolder, console: Console) -> None:
     """Both phases, from the newest checkpoint on if there is one."""
     config: RunConfig = folder.config
+    keep_freed_memory()
     planner = build_planner(config)
     loop = build_loop(config, supervision(config, planner, training=True))
     pipeline = Pipeline(

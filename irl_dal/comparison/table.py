@@ -127,9 +127,7 @@ def _table(
     title: str, columns: Sequence[Column], rows: Sequence[tuple[str, Mapping[str, Any]]]
 ) -> Table:
     """Numbers in columns, the arms in rows."""
-    table = Table(
-        title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False
-    )
+    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
     table.add_column("", no_wrap=True)
     for column in columns:
         unit = f" [{column.unit}]" if column.unit else ""

@@ -9,6 +9,7 @@ from torch import Tensor, nn
 
 from expert.replay import ReplayBuffer
 from irl_dal.learning.policy import DrivingPolicy, observation_tensors
+from irl_dal.threads import gradient_threads
 
 __all__ = ["warm_start_critic"]
 
@@ -16,6 +17,7 @@ BATCH_SIZE = 256
 LEARNING_RATE = 1e-3
 
 
+@gradient_threads()
 def warm_start_critic(
     policy: DrivingPolicy,
     replay: ReplayBuffer,

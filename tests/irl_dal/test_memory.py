@@ -1,0 +1,48 @@
+"""What becomes of memory that was freed."""
+
+import ctypes
+import resource
+import subprocess
+import sys
+
+import pytest
+
+from irl_dal.memory import keep_freed_memory
+
+FAULTS = """
+import resource, sys
+import numpy as np
+from irl_dal.memory import keep_freed_memory
+
+if sys.argv[1] == "keep":
+    assert keep_freed_memory()
+
+def step():
+    for _ in range(4):
+        np.full(2**21, 1.0)  # 16 MiB each, as the activations of a gradient step
+    parts = [np.full(2**21, 1.0) for _ in range(4)]
+
+step()
+before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+for _ in range(10):
+    step()
+print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
+"""
+
+
+@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="needs glibc")
+def test_the_pages_of_a_gradient_step_are_not_faulted_in_again() -> None:
+    """Ten rounds of the same arrays touch hardly a new page; left alone they touch thousands."""
+
+    def faults(how: str) -> int:
+        command = [sys.executable, "-c", FAULTS, how]
+        return int(subprocess.run(command, capture_output=True, check=True, text=True).stdout)
+
+    arrays_in_pages = 40 * 2**24 // resource.getpagesize()
+    assert faults("keep") < arrays_in_pages / 100
+    assert faults("leave") > arrays_in_pages / 10
+
+
+def test_it_can_be_said_twice() -> None:
+    """Every training of a process may ask for it."""
+    assert keep_freed_memory() == keep_freed_memory()
