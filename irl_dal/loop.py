@@ -182,14 +182,16 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
         """Trigger → plan → blend: the plan, its weight and the blended command."""
         watch = self.supervision
-        asked = watch.activation == "always" or (watch.activation == "trigger" and self._risk.risky)
-        if watch.planner is None or watch.blend is None or not asked:
-            if watch.blend is not None:
-                watch.blend.reset()
+        if watch.planner is None or watch.blend is None or watch.activation == "never":
             return None, 0.0, own
-        plan = watch.planner.plan(self._context)
-        weight = watch.blend.weight(self._distance.clearance, self._risk.lane_deviation)
-        command = weight * plan.actions[0] + (1.0 - weight) * own
+        plan: Plan | None = None
+        weight, command = 0.0, own
+        if watch.activation == "always" or self._risk.risky:
+            plan = watch.planner.plan(self._context)
+            weight = watch.blend.weight(self._distance.clearance, self._risk.lane_deviation)
+            command = weight * plan.actions[0] + (1.0 - weight) * own
+        else:
+            watch.blend.reset()
         if watch.safety_filter is None:  # with a shield, this is the shield's work
             command = watch.planner.admit(command, self._previous)
         return plan, weight, command

@@ -41,12 +41,8 @@ class Arm:
 
     @property
     def admissible(self) -> bool:
-        """Whether everything that it executes has to keep the bounds.
-
-        Without a shield that is where every command ends in a projection; on its trigger the
-        planner lets the policy's own commands pass in between.
-        """
-        return self.shielded or (self.activation != "trigger" and self.projection != "none")
+        """Whether everything that it executes has to keep the bounds."""
+        return self.shielded or self.projection != "none"
 
     @property
     def baseline(self) -> Arm:

@@ -80,8 +80,8 @@ def evaluation_table(report: Mapping[str, Value], title: str) -> Table:
         interval = _interval(report.get(f"{name}_ci95"), row)
         table.add_row(row.label, _number(report.get(name), row), interval, row.unit)
     table.caption = (
-        f"{report['episodes']} episodes, {report['steps']} steps; latencies on "
-        f"{report['latency_threads']} thread, {report['latency_processes']} processes at a time"
+        f"{report['episodes']} episodes, {report['steps']} steps; "
+        f"processes at a time: {report['latency_processes']}, threads: {report['latency_threads']}"
     )
     table.caption_justify = "left"
     return table

@@ -152,13 +152,14 @@ class DiffusionPlanner:
             return self._plan(context, watchers, time.perf_counter())
 
     def admit(self, command: Array, previous: Array) -> Array:
-        """What may be executed of a command that a plan's first action was blended into.
+        """What may be executed without a shield: the policy's command or one blended with a plan.
 
         A blend of an admissible and an inadmissible command is inadmissible: a mode that ends in a
-        projection projects it once more, `none` leaves it as it is.
+        projection projects it once more, and the policy's between two plans, from which the next
+        plan has to go on. `none` leaves it as it is.
 
         Args:
-            command: Blended command (2,) [rad, m/s].
+            command: Command (2,) [rad, m/s].
             previous: Last executed command (2,) [rad, m/s].
 
         Returns:

@@ -8,6 +8,7 @@ import pytest
 
 from irl_dal.build import build_loop, build_planner, supervision
 from irl_dal.config import RunConfig
+from irl_dal.loop import Activation
 from irl_dal.planner import ProjectionMode
 from shield import BarrierConfig
 
@@ -61,26 +62,28 @@ def test_without_the_shield_there_is_no_barrier(straight: RunConfig) -> None:
     assert collided
 
 
+@pytest.mark.parametrize("activation", ["trigger", "always"])
 @pytest.mark.parametrize(("projection", "kept"), [("final", True), ("x0", True), ("none", False)])
-def test_a_blend_with_a_projected_plan_keeps_the_bounds_without_a_shield(
-    straight: RunConfig, projection: ProjectionMode, kept: bool
+def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
+    straight: RunConfig, activation: Activation, projection: ProjectionMode, kept: bool
 ) -> None:
     """However the policy jumps; a planner that projects nothing lets its jumps through."""
     config = replace(
         straight,
         shield=replace(straight.shield, enabled=False),
         planner=replace(straight.planner, projection=projection),
-        supervision=replace(straight.supervision, enabled=True, activation="always"),
+        supervision=replace(straight.supervision, enabled=True, activation=activation),
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
-    rng, blended, violations = np.random.default_rng(0), 0, 0
+    rng, blended, alone, violations = np.random.default_rng(0), 0, 0, 0
     for _ in range(40):
         _, _, terminated, _, info = loop.step(rng.uniform(-1.0, 1.0, 2))
         blended += 0.0 < info["blend_weight"] < 1.0
+        alone += info["plan"] is None
         violations += loop.limits.violated(info["executed_command"], info["previous_command"])
         if terminated:
             break
     loop.close()
-    assert blended > 10
+    assert alone > 3 if activation == "trigger" else blended > 10
     assert (violations == 0) == kept
