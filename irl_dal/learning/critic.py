@@ -9,7 +9,6 @@ from torch import Tensor, nn
 
 from expert.replay import ReplayBuffer
 from irl_dal.learning.policy import DrivingPolicy, observation_tensors
-from irl_dal.threads import gradient_threads
 
 __all__ = ["warm_start_critic"]
 
@@ -17,7 +16,6 @@ BATCH_SIZE = 256
 LEARNING_RATE = 1e-3
 
 
-@gradient_threads()
 def warm_start_critic(
     policy: DrivingPolicy,
     replay: ReplayBuffer,

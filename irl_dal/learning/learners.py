@@ -15,7 +15,6 @@ from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
 from irl_dal.learning.policy import observation_tensors
 from irl_dal.learning.ppo import DrivingPPO, driving_policy
-from irl_dal.threads import gradient_threads
 
 __all__ = ["Learners"]
 
@@ -54,7 +53,6 @@ class Learners:
         self.discriminator = discriminator
         self._rng = rng
 
-    @gradient_threads()
     def clone(self, steps: int) -> None:
         """TrainBC(D_buffer): gradient steps, then the held-out loss and the plateau scheduler."""
         if self.replay.count() == 0:
@@ -72,7 +70,6 @@ class Learners:
             if "alpha" in name:
                 record(f"mask/{name.rpartition('.')[2]}", parameter.item())
 
-    @gradient_threads()
     def train_planner(self, steps: int) -> None:
         """TrainDiffusion(D_buffer), if there is a planner and any stretch of expert driving."""
         if self.diffusion is None or self.replay.count(source="chunk") == 0:
@@ -85,7 +82,6 @@ class Learners:
             record("planner/loss", held_out)
         record("planner/learning_rate", self.diffusion.learning_rate)
 
-    @gradient_threads()
     def train_discriminator(self) -> None:
         """TrainDiscriminator(D_buffer): expert pairs against those of the rollout in progress."""
         buffer = self.ppo.rollout_buffer

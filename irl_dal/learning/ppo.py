@@ -27,7 +27,6 @@ from torch import Tensor
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, policy_arguments
 from irl_dal.perception import PerceptionConfig
-from irl_dal.threads import gradient_threads
 
 __all__ = ["ActorRate", "DrivingPPO", "build_ppo", "divergence"]
 
@@ -74,7 +73,6 @@ class DrivingPPO(PPO):
 
     actor_rate: ActorRate
 
-    @gradient_threads()
     def train(self) -> None:
         """Update actor and critic from the rollout; then let the actor's rate follow."""
         policy = driving_policy(self)

@@ -1,10 +1,9 @@
 """Who computes on how many threads."""
 
-import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from irl_dal.threads import GRADIENT_THREADS, gradient_threads, one_thread
+from irl_dal.threads import one_thread
 
 
 def blas_threads() -> set[int]:
@@ -22,21 +21,5 @@ def test_driving_takes_one_thread_and_gives_the_others_back() -> None:
                 assert torch.get_num_threads() == 1
                 assert blas_threads() == {1}
             assert (torch.get_num_threads(), blas_threads()) == (2, {2})
-    finally:
-        torch.set_num_threads(own)
-
-
-@pytest.mark.parametrize(("had", "gets"), [(1, 1), (2, 2), (5, GRADIENT_THREADS)])
-def test_a_gradient_step_gets_back_what_was_taken(had: int, gets: int) -> None:
-    """Never more than there were, nor more than it can use; afterwards one thread again."""
-    own = torch.get_num_threads()
-    try:
-        torch.set_num_threads(had)
-        with one_thread():
-            with gradient_threads():
-                assert torch.get_num_threads() == gets
-            assert torch.get_num_threads() == 1
-        with gradient_threads():
-            assert torch.get_num_threads() == had
     finally:
         torch.set_num_threads(own)
