@@ -31,7 +31,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 
 @pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="needs glibc")
 def test_the_pages_of_a_gradient_step_are_not_faulted_in_again() -> None:
-    """Ten rounds of the same arrays touch hardly a new page; left alone they touch all of theirs."""
+    """Ten rounds of the same arrays touch hardly a new page; left alone, all of theirs."""
 
     def faults(how: str) -> int:
         command = [sys.executable, "-c", FAULTS, how]
