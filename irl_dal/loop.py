@@ -180,7 +180,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         return self._execute(command, None, record)
 
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
-        """Trigger → plan → blend: the plan, its weight and the blended command."""
+        """Trigger → plan → blend: the plan, its weight and what is to be executed."""
         watch = self.supervision
         if watch.planner is None or watch.blend is None or watch.activation == "never":
             return None, 0.0, own

@@ -26,7 +26,7 @@ def keep_freed_memory() -> bool:
     Returns:
         Whether the C library could be told (glibc's can).
     """
-    set_option = getattr(ctypes.CDLL(None), "mallopt", None)
+    set_option = getattr(ctypes.pythonapi, "mallopt", None)
     if set_option is None:
         return False
     # One of the two alone switches off glibc's own adjustment and makes matters worse.

@@ -6,15 +6,13 @@ import sys
 
 import pytest
 
-from irl_dal.memory import keep_freed_memory
-
 FAULTS = """
 import resource, sys
 import numpy as np
 from irl_dal.memory import keep_freed_memory
 
 if sys.argv[1] == "keep":
-    assert keep_freed_memory()
+    assert keep_freed_memory() and keep_freed_memory()  # every training of a process asks for it
 
 def step():
     for _ in range(4):
@@ -29,7 +27,7 @@ print(resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before)
 """
 
 
-@pytest.mark.skipif(not hasattr(ctypes.CDLL(None), "mallopt"), reason="needs glibc")
+@pytest.mark.skipif(not hasattr(ctypes.pythonapi, "mallopt"), reason="needs glibc")
 def test_the_pages_of_a_gradient_step_are_not_faulted_in_again() -> None:
     """Ten rounds of the same arrays touch hardly a new page; left alone, all of theirs."""
 
@@ -40,8 +38,3 @@ def test_the_pages_of_a_gradient_step_are_not_faulted_in_again() -> None:
     kept, left = faults("keep"), faults("leave")
     assert left > 100
     assert kept < left / 10
-
-
-def test_it_can_be_said_twice() -> None:
-    """Every training of a process may ask for it."""
-    assert keep_freed_memory() == keep_freed_memory()
