@@ -188,7 +188,11 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         weight, command = 0.0, own
         if watch.activation == "always" or self._risk.risky:
             plan = watch.planner.plan(self._context)
-            weight = watch.blend.weight(self._distance.clearance, self._risk.lane_deviation)
+            weight = watch.blend.weight(
+                self._distance.clearance,
+                self._risk.lane_deviation,
+                stalled="stalled" in self._risk.reasons,
+            )
             command = weight * plan.actions[0] + (1.0 - weight) * own
         else:
             watch.blend.reset()
@@ -232,7 +236,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
         if self._barrier is not None and self.supervision.safety_filter is not None:
             self._barrier.update(scan, speed, yaw_rate)
-        self._risk = self._trigger.update(self._distance, lane)
+        self._risk = self._trigger.update(self._distance, lane, speed)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         self.city.caption = Caption(
             self._risk.risky,

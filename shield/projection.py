@@ -108,6 +108,16 @@ class HorizonProjector:
             )
         )
 
+    def reset(self) -> None:
+        """Forget earlier horizons.
+
+        The solver starts from its last answer. After a reset the same horizons in the same order
+        give the same answers, bit by bit.
+        """
+        self._solver.reset()
+        if self._successive is not None:
+            self._successive.reset()
+
     def project(self, nominal: ArrayLike, previous: ArrayLike) -> Projection:
         """Return the nearest admissible horizon.
 

@@ -59,7 +59,7 @@ class SafetyFilter:
         return self._previous
 
     def reset(self, command: ArrayLike | None = None) -> None:
-        """Forget the plan and set the last executed command.
+        """Forget the plan and earlier problems, and set the last executed command.
 
         Args:
             command: The command that the actuators hold now [rad, m/s], shape (2,). None:
@@ -72,6 +72,7 @@ class SafetyFilter:
         rest = np.clip(np.zeros(2), self.limits.low, self.limits.high)
         values = rest if command is None else as_array("command", command, (2,))
         self._fallback.reset()
+        self._projector.reset()
         self._execute(np.where(np.isfinite(values), values, rest))
 
     def record(self, command: ArrayLike) -> None:

@@ -93,7 +93,7 @@ def make_solver(
     pattern: sparse.csc_matrix,
     tolerance: float,
     deadline: float,
-) -> QPSolver:
+) -> "OsqpSolver | DeadlineSolver":
     """Build a solver that respects a deadline.
 
     Args:
@@ -222,6 +222,10 @@ class OsqpSolver:
         }
         self._workspace: _Workspace | None = self._set_up()
 
+    def reset(self) -> None:
+        """Forget earlier problems: they no longer change an answer, not even in its last bit."""
+        self._workspace = None
+
     def _set_up(self) -> _Workspace:
         rows, columns = self._pattern.shape
         workspace = _Workspace()
@@ -332,6 +336,9 @@ class DeadlineSolver:
         self._late = False
         # The thread knows the queues, not this object, so that it can end with it.
         weakref.finalize(self, self._problems.put, None)
+
+    def reset(self) -> None:
+        """Solvers of qpsolvers have nothing to forget; what a factory's own remembers, stays."""
 
     def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
         """Hand the problem over and wait for the answer, at most until the deadline."""

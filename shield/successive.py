@@ -266,6 +266,10 @@ class SuccessiveProjection:
         self._solver = make_solver(solver, diagonal, self._matrix, _TOLERANCE, deadline)
         self._newton = LateralNewton(limits, horizon, np.tile(weights, horizon))
 
+    def reset(self) -> None:
+        """Forget earlier problems."""
+        self._solver.reset()
+
     def solve(
         self, targets: Array, start: Array, previous: tuple[float, float], stop_at: float
     ) -> LateralAnswer:

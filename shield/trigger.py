@@ -1,4 +1,4 @@
-"""When the planner has to help: little free distance, far from a lane, or blind."""
+"""When the planner has to help: little free distance, far from a lane, blind, or stuck."""
 
 import math
 from dataclasses import dataclass
@@ -27,6 +27,8 @@ class TriggerConfig:
         lane_hysteresis: Distance below `lane_deviation` needed to leave the risky state [m].
         hold_time: Time for which no reason may appear before the risky state is left [s].
         max_age: Age of an estimate from which the sensor counts as lost [s].
+        stall_speed: A car slower than this has stalled after `stall_time` [m/s].
+        stall_time: None for never [s]. Default: who crosses the road has gone by then.
 
     Raises:
         InvalidLimits: A value is not finite or has the wrong sign, or there is no lane centre.
@@ -41,6 +43,8 @@ class TriggerConfig:
     lane_hysteresis: float = 0.2
     hold_time: float = 0.5
     max_age: float = 0.5
+    stall_speed: float = 1.0
+    stall_time: float | None = 4.0
 
     def __post_init__(self) -> None:
         """Refuse impossible thresholds, naming the field and the value received."""
@@ -49,7 +53,10 @@ class TriggerConfig:
             clearance=self.clearance,
             lane_deviation=self.lane_deviation,
             max_age=self.max_age,
+            stall_speed=self.stall_speed,
         )
+        if self.stall_time is not None:
+            check_positive(InvalidLimits, stall_time=self.stall_time)
         for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= as_float(value) < math.inf:
@@ -73,8 +80,8 @@ class Risk:
 
     Attributes:
         risky: Whether the planner has to help.
-        reasons: Any of "clearance", "lane_deviation", "lidar_lost", "lane_lost", or "hold" alone
-            while the verdict outlives its reasons; empty when not risky.
+        reasons: Any of "clearance", "lane_deviation", "lidar_lost", "lane_lost", "stalled", or
+            "hold" alone while the verdict outlives its reasons; empty when not risky.
         lane_deviation: Distance to the nearest admissible lane centre [m].
     """
 
@@ -87,9 +94,10 @@ class RiskTrigger:
     """Decides on inflated estimates, with hysteresis and a hold time.
 
     A state becomes risky when ``clearance - k σ`` falls below its threshold, ``deviation + k σ``
-    rises above its own, or an estimate is invalid or too old: not knowing is a risk. It stays
-    risky until no reason, judged by the stricter thresholds of the hysteresis, has appeared for
-    `hold_time`.
+    rises above its own, or an estimate is invalid or too old: not knowing is a risk. A car that has
+    stalled needs help as well: it may wait for ever where whoever drives it sees no way. The state
+    stays risky until no reason, judged by the stricter thresholds of the hysteresis, has appeared
+    for `hold_time`.
 
     Args:
         config: Thresholds.
@@ -104,23 +112,30 @@ class RiskTrigger:
         if not isinstance(config, TriggerConfig):
             raise InvalidLimits(f"`config` must be a TriggerConfig. Got {config!r}.")
         self.config = config
-        # Rounded first: 0.5 / 0.1 must count five periods whatever the last bit.
-        self._hold_steps = math.ceil(round(config.hold_time / dt, 6))
+        self._hold_steps = _periods(config.hold_time, dt)
+        self._stall_steps = math.inf
+        if config.stall_time is not None:
+            self._stall_steps = _periods(config.stall_time, dt)
         self.reset()
 
     def reset(self) -> None:
         """Return to the quiet state."""
-        self._quiet_steps = 0
+        self._quiet_steps = self._slow_steps = 0
         self._risky = False
 
-    def update(self, clearance: ClearanceEstimate, lane: LaneEstimate) -> Risk:
+    def update(
+        self, clearance: ClearanceEstimate, lane: LaneEstimate, speed: float | None = None
+    ) -> Risk:
         """Judge one step.
 
         Args:
             clearance: Tracked clearance.
             lane: Tracked lane pose.
+            speed: Own speed [m/s], if known: without it no car stalls.
         """
         config = self.config
+        slow = speed is not None and abs(speed) < config.stall_speed
+        self._slow_steps = self._slow_steps + 1 if slow else 0
         deviation = min(abs(lane.lateral_offset - centre) for centre in config.lane_centres)
         reasons = self._reasons(clearance, lane, deviation)
         if reasons:
@@ -150,4 +165,11 @@ class RiskTrigger:
             reasons.append("lane_lost")
         if not deviation + config.sigma_factor * lane.offset_std <= config.lane_deviation - slack:
             reasons.append("lane_deviation")
+        if self._slow_steps > self._stall_steps:
+            reasons.append("stalled")
         return tuple(reasons)
+
+
+def _periods(time: float, dt: float) -> int:
+    """Control periods in a time; rounded first: 0.5 / 0.1 is five, whatever the last bit."""
+    return math.ceil(round(time / dt, 6))

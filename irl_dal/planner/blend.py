@@ -97,7 +97,14 @@ class ActionBlend:
         weight = self.config.base + self.config.slope * self.hazard(clearance, lane_deviation)
         return min(1.0, weight)
 
-    def weight(self, clearance: float, lane_deviation: float, *, triggered: bool = True) -> float:
+    def weight(
+        self,
+        clearance: float,
+        lane_deviation: float,
+        *,
+        triggered: bool = True,
+        stalled: bool = False,
+    ) -> float:
         """The smoothed w_b of this step.
 
         Args:
@@ -105,6 +112,8 @@ class ActionBlend:
             lane_deviation: d_lane [m], of either sign; NaN counts as lost.
             triggered: False when the planner is not used on this step: the weight is 0 and the
                 average is forgotten.
+            stalled: True where the policy does not get on: the planner drives alone. A share of
+                the policy would stop what it begins, the steering at some angle in between.
 
         Returns:
             Share of the planner's action, in [0, 1].
@@ -112,9 +121,10 @@ class ActionBlend:
         if not triggered:
             self.reset()
             return 0.0
-        weight = self.instantaneous(clearance, lane_deviation)
+        weight = 1.0 if stalled else self.instantaneous(clearance, lane_deviation)
         critical = clearance < self.config.critical_clearance or math.isnan(clearance)
-        if self._average is None or (critical and not self.config.smooth_critical):
+        at_once = stalled or (critical and not self.config.smooth_critical)
+        if self._average is None or at_once:
             self._average = weight
         else:
             self._average += self.config.smoothing * (weight - self._average)

@@ -76,8 +76,9 @@ class DiffusionPlanner:
             _compile(config, limits)
 
     def reset(self) -> None:
-        """Forget the last plan and the blend's average: at the start of an episode."""
-        self._fallback.reset()
+        """Forget earlier plans and the blend's average: at the start of an episode."""
+        for part in (self._fallback, self._projector, self._step_projector):
+            part.reset()
         self._last_first = None
         self.blend.reset()
 

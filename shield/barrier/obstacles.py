@@ -122,7 +122,7 @@ class ObstacleBarrier:
     def _stands(self, speed: float, wanted: float) -> bool:
         """Whether the car has stood long enough before something that it wants to pass."""
         creep = self._config.escape_speed
-        blocked = speed < creep < wanted and self.surroundings.speed < 1.5 * creep
+        blocked = speed < min(creep, wanted) and self.surroundings.speed < 1.5 * creep
         self._blocked = self._blocked + 1 if blocked else 0
         return self._blocked * self._limits.dt > self._config.patience
 

@@ -87,3 +87,21 @@ def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
     loop.close()
     assert alone > 3 if activation == "trigger" else blended > 10
     assert (violations == 0) == kept
+
+
+def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> None:
+    """After the stall time, on an open road; a variant without one waits for ever."""
+    for stall_time, hands_over in ((1.0, True), (None, False)):
+        trigger = replace(straight.shield.trigger, stall_time=stall_time)
+        config = replace(
+            straight,
+            shield=replace(straight.shield, trigger=trigger),
+            supervision=replace(straight.supervision, enabled=True),
+        )
+        loop = build_loop(config, supervision(config, build_planner(config)))
+        loop.reset(seed=0)
+        stop = loop.limits.to_action(np.zeros(2))
+        steps = [loop.step(stop)[-1] for _ in range(60)]
+        loop.close()
+        alone = [info["blend_weight"] == 1.0 for info in steps if info["triggered"]]
+        assert any(alone) == hands_over

@@ -221,10 +221,11 @@ def test_a_car_that_drives_along_is_remembered_longer() -> None:
     assert driving.bounds(np.zeros(2), 0.0).left < 0.5
 
 
-def test_who_has_stood_long_enough_steers_free() -> None:
+@pytest.mark.parametrize("wanted", [0.1, 8.0])
+def test_who_has_stood_long_enough_steers_free(wanted: float) -> None:
     """In front of a post the car stands; after its patience it gets the nearest way out."""
     barrier = barrier_after(scan_of((1.8, -0.8, 0.4)), speed=0.0)
-    wish = np.array([-0.05, 8.0])
+    wish = np.array([-0.05, wanted])
     assert barrier.bounds(wish, 0.0).max_speed == 0.0
     for _ in range(int(CONFIG.patience / LIMITS.dt) + 1):
         bounds = barrier.bounds(wish, 0.0)

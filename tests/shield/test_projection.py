@@ -250,6 +250,16 @@ def test_the_result_does_not_depend_on_earlier_calls() -> None:
         assert warm.project(nominal, previous).actions == pytest.approx(cold.actions, abs=1e-7)
 
 
+def test_after_a_reset_the_same_horizons_get_the_same_answers(rng: np.random.Generator) -> None:
+    """Bit by bit: the solver's warm start shows in the last ones, and a drive in bends grows it."""
+    target = HorizonProjector(CITY, 8)
+    wishes = np.stack([rng.uniform(-0.5, 0.5, (300, 8)), rng.uniform(4.0, 14.0, (300, 8))], axis=2)
+    first = [target.project(wish, GENTLE).actions for wish in wishes]
+    target.reset()
+    second = [target.project(wish, GENTLE).actions for wish in wishes]
+    assert np.array_equal(first, second)
+
+
 def test_weights_decide_whether_a_bend_costs_steering_or_speed() -> None:
     """Where the lateral bound binds, a dear channel moves less; elsewhere weights do nothing."""
     nominal = np.array([10.0, 0.0])[::-1] + np.tile([0.3, 0.0], (8, 1))

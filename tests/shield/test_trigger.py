@@ -70,6 +70,27 @@ def test_hysteresis_and_hold_time_end_the_verdict_late() -> None:
     assert not trigger.update(CLEAR, CENTRED).risky
 
 
+def test_a_car_that_does_not_get_on_needs_help() -> None:
+    """After the stall time below the stall speed, until it drives again."""
+    trigger = RiskTrigger(TriggerConfig(stall_time=0.3, hold_time=0.0), 0.1)
+    standing = [trigger.update(CLEAR, CENTRED, speed).reasons for speed in (0.0, 0.9, -0.5, 0.0)]
+    assert standing == [(), (), (), ("stalled",)]
+    assert trigger.update(CLEAR, CENTRED, 0.9).risky
+    assert not trigger.update(CLEAR, CENTRED, 1.0).risky
+    assert not trigger.update(CLEAR, CENTRED, 0.0).risky
+    trigger.reset()
+    assert not any(trigger.update(CLEAR, CENTRED, 0.0).risky for _ in range(3))
+
+
+@pytest.mark.parametrize(("stall_time", "speed"), [(None, 0.0), (0.3, None), (0.3, math.nan)])
+def test_no_car_stalls_whose_speed_is_not_known_or_does_not_matter(
+    stall_time: float | None, speed: float | None
+) -> None:
+    """Without a stall time a car may stand as long as it likes."""
+    trigger = RiskTrigger(TriggerConfig(stall_time=stall_time), 0.1)
+    assert not any(trigger.update(CLEAR, CENTRED, speed).risky for _ in range(100))
+
+
 @two_tiers(values=st.lists(NASTY, min_size=6, max_size=6), valid=st.booleans())
 def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bool) -> None:
     """NaN in any deciding value raises risk; nothing raises an exception."""
@@ -94,6 +115,8 @@ def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bo
         ("clearance_hysteresis", math.nan),
         ("lane_hysteresis", 1.2),
         ("hold_time", -0.1),
+        ("stall_speed", 0.0),
+        ("stall_time", -4.0),
         ("lane_centres", ()),
         ("lane_centres", (0.0, math.nan)),
     ],

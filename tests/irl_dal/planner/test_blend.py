@@ -68,6 +68,14 @@ def test_critical_weight_is_not_delayed_unless_asked() -> None:
     assert printed.weight(1.0, 0.0) == pytest.approx(0.5 * (1.0 + far))
 
 
+def test_the_planner_drives_alone_where_the_policy_does_not_get_on() -> None:
+    """At once, whatever the average; afterwards the policy gets its share back step by step."""
+    blend = ActionBlend(BlendConfig(smooth_critical=True))
+    usual = blend.weight(20.0, 0.0)
+    assert blend.weight(20.0, 0.0, stalled=True) == 1.0
+    assert usual < blend.weight(20.0, 0.0) < 1.0
+
+
 def test_what_is_no_number_counts_as_the_worst() -> None:
     """A NaN clearance is contact, a NaN lane deviation a lost lane."""
     blend = ActionBlend()
