@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from irl_dal.evaluation.statistics import Estimate
 from irl_dal.sweep.collection import ORDER, Collection
 from irl_dal.sweep.result import RunResult
 from irl_dal.sweep.table import Numbers, label
@@ -54,15 +55,25 @@ def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
 def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
     """Whether the variants of the paper are in its order."""
     names = [name for name in ORDER if name in found and name != "paper"]
+    sign = 1.0 if rising else -1.0
     values = [found[name][key].value for name in names]
-    if len(names) < 2 or any(value is None for value in values):
+    numbers = [math.nan if value is None else sign * value for value in values]
+    if len(names) < 2 or any(map(math.isnan, numbers)):
         return ""
-    numbers = [value if value is not None else math.nan for value in values]
     wrong = [
-        f"{label(after)} behind {label(before)}"
+        f"{label(after)} behind {label(before)} ({_apart(found[before][key], found[after][key])})"
         for before, after, one, two in zip(names, names[1:], numbers, numbers[1:], strict=False)
-        if (two < one if rising else two > one)
+        if two < one
     ]
     if not wrong:
         return f"By {words} the variants are in the paper's order."
     return f"By {words} the variants are not in the paper's order: {', '.join(wrong)}."
+
+
+def _apart(one: Estimate, two: Estimate) -> str:
+    """Whether the intervals of two variants tell them apart."""
+    if one.low is None or one.high is None or two.low is None or two.high is None:
+        return "too few runs to tell"
+    if one.low <= two.high and two.low <= one.high:
+        return "their intervals overlap"
+    return "their intervals do not overlap"
