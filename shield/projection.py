@@ -112,7 +112,7 @@ class HorizonProjector:
         """Forget earlier horizons.
 
         The solver starts from its last answer. After a reset the same horizons in the same order
-        give the same answers, bit by bit.
+        give the same answers, bit by bit, as long as no deadline cuts one short.
         """
         self._solver.reset()
         if self._successive is not None:
