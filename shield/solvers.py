@@ -221,10 +221,19 @@ class OsqpSolver:
             "verbose": False,
         }
         self._workspace: _Workspace | None = self._set_up()
+        self._is_cold = True
 
     def reset(self) -> None:
-        """Forget earlier problems: they no longer change an answer, not even in its last bit."""
-        self._workspace = None
+        """Forget earlier problems: they no longer change an answer, not even in its last bit.
+
+        What is set up anew is set up here, so that the next problem does not wait for it.
+        """
+        if self._is_cold:
+            return
+        try:
+            self._workspace, self._is_cold = self._set_up(), True
+        except FAILURES:
+            self._workspace = None  # the next problem tries again, and answers why it cannot
 
     def _set_up(self) -> _Workspace:
         rows, columns = self._pattern.shape
@@ -241,6 +250,7 @@ class OsqpSolver:
 
     def solve(self, q: Array, lower: Array, upper: Array, matrix: Array | None = None) -> Answer:
         """Update the workspace and solve; a failure costs the workspace, which is then rebuilt."""
+        self._is_cold = False
         try:
             if self._workspace is None:
                 self._workspace = self._set_up()

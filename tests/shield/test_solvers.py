@@ -249,7 +249,29 @@ def test_an_osqp_that_cannot_be_rebuilt_does_not_end_the_loop(
     monkeypatch.setattr(osqp.OSQP, "solve", lambda *_, **__: _raise(ValueError("broken")))
     monkeypatch.setattr(osqp.OSQP, "setup", lambda *_, **__: _raise(MemoryError("none left")))
     for _ in range(3):
+        target.reset()
         assert_safe(target.project(WISH, PREVIOUS))
+
+
+def test_osqp_is_set_up_by_resets_and_not_in_a_step(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Once for each episode; the control loop does not wait for it."""
+    shield = SafetyFilter(LINEAR, deadline=PATIENT)
+    set_up, setups = osqp.OSQP.setup, 0
+
+    def counted(self: osqp.OSQP, *args: Any, **settings: Any) -> None:
+        nonlocal setups
+        setups += 1
+        set_up(self, *args, **settings)
+
+    monkeypatch.setattr(osqp.OSQP, "setup", counted)
+    counts = []
+    for _ in range(2):
+        shield.filter([0.5, 9.0])
+        counts.append(setups)
+        shield.reset()
+        shield.reset()
+        counts.append(setups)
+    assert counts == [0, 1, 1, 2]
 
 
 def test_the_filter_survives_a_failing_solver(monkeypatch: pytest.MonkeyPatch) -> None:
