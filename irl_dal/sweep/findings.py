@@ -7,19 +7,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from expert.modes import Mode
 from irl_dal.evaluation.statistics import Estimate
 from irl_dal.sweep.collection import ORDER, Collection
-from irl_dal.sweep.result import RunResult
+from irl_dal.sweep.result import REPLAY, RunResult
 from irl_dal.sweep.table import Numbers, label
 
-__all__ = ["findings", "interventions"]
+__all__ = ["findings", "interventions", "replay_shares"]
 
 
 def findings(collection: Collection, found: Numbers) -> list[str]:
-    """The order of the variants, and how interventions went."""
+    """The order of the variants, what there was to balance, and how interventions went."""
     sentences = [
         _order(found, "success", "success", rising=True),
         _order(found, "collisions_per_1k_steps", "collisions", rising=False),
+        _balance(collection),
     ]
     for variant in collection.variants:
         shares = interventions(collection.of(variant))
@@ -50,6 +52,40 @@ def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
         return None
     early, late = np.mean(thirds, axis=0).tolist()
     return early, late
+
+
+def replay_shares(runs: Sequence[RunResult]) -> dict[Mode, float]:
+    """Share of each of the expert's states in the replay buffer, mean over training and runs.
+
+    Empty where nothing was logged.
+    """
+    shares = []
+    for run in runs:
+        columns = [run.curves.get(name, []) for name in REPLAY.values()]
+        held = np.array([row for row in zip(*columns, strict=True) if None not in row], dtype=float)
+        held = held[held.sum(axis=1) > 0.0] if held.size else held
+        if len(held):
+            shares.append((held / held.sum(axis=1, keepdims=True)).mean(axis=0))
+    if not shares:
+        return {}
+    return dict(zip(REPLAY, np.mean(shares, axis=0).tolist(), strict=True))
+
+
+def _balance(collection: Collection) -> str:
+    """How far the draws of uniform replay are from those of balanced replay."""
+    shares = replay_shares(collection.of("ppo_uniform"))
+    if not shares or not collection.of("fsm_replay"):
+        return ""
+    rarest, *_, commonest = sorted(shares, key=shares.__getitem__)
+    return (
+        f"{label('ppo_uniform')} draws {_words(rarest)} in {shares[rarest]:.1%} of the samples and "
+        f"{_words(commonest)} in {shares[commonest]:.1%}, mean over training; "
+        f"{label('fsm_replay')} draws each state in {1.0 / len(shares):.1%}."
+    )
+
+
+def _words(mode: Mode) -> str:
+    return mode.name.lower().replace("_", " ")
 
 
 def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:

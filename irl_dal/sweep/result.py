@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from expert.modes import Mode
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.report import write_json
@@ -18,12 +19,29 @@ from irl_dal.learning.metrics import read_metrics
 from irl_dal.runs import RunFolder
 from irl_dal.threads import one_thread
 
-__all__ = ["CURVES", "OVERLAY_SEED", "RunResult", "read_result", "summarise_run", "write_result"]
+__all__ = [
+    "CURVES",
+    "OVERLAY_SEED",
+    "REPLAY",
+    "RunResult",
+    "read_result",
+    "summarise_run",
+    "write_result",
+]
 
 FORMAT = 1
 """Raised whenever this version could misread the files of an older one."""
 
-CURVES = ("rollout/episode_return", "bc/loss", "rollout/intervention_rate", "rollout/shield_rate")
+REPLAY = {mode: f"replay/{mode.name.lower()}" for mode in Mode}
+"""Columns with the transitions that the replay buffer holds of each state of the expert."""
+
+CURVES = (
+    "rollout/episode_return",
+    "bc/loss",
+    "rollout/intervention_rate",
+    "rollout/shield_rate",
+    *REPLAY.values(),
+)
 """Columns of a run's metrics that a result keeps."""
 
 OVERLAY_SEED = 22_000
