@@ -17,7 +17,12 @@ import irl_dal.envs
 import shield
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.bench import AgentSpec, Bench
-from irl_dal.evaluation.measurements import HeldOutActions, Measurements, PathPair
+from irl_dal.evaluation.measurements import (
+    HeldOutActions,
+    Measurements,
+    PathPair,
+    ReferenceReturns,
+)
 from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.references import ReferenceCache
 from irl_dal.evaluation.rollout import spread_steps
@@ -80,15 +85,23 @@ def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: Workers) -
     if spec.policy != "run" and config.shield.enabled:
         cache.add(spec.policy, {episode.seed: episode.total_reward for episode in episodes})
     held_out = seeds[: extent.held_out_episodes]
-    also = [seed for seed in cache.missing("expert", seeds) if seed not in held_out]
+    # Others may write the file meanwhile: what is used is what was read here or driven here.
+    expert_returns, random_returns = cache.known("expert"), cache.known("random")
+    also = [seed for seed in seeds if seed not in expert_returns and seed not in held_out]
     probes = workers.map("expert", Bench.probe, held_out + also)
-    cache.add("expert", {episode.seed: episode.total_reward for episode, _ in probes})
-    unknown = cache.missing("random", seeds)
-    returns = workers.map("random", Bench.random_return, unknown)
-    cache.add("random", dict(zip(unknown, returns, strict=True)))
+    driven = {episode.seed: episode.total_reward for episode, _ in probes}
+    cache.add("expert", driven)
+    expert_returns |= driven
+    unknown = [seed for seed in seeds if seed not in random_returns]
+    driven = dict(zip(unknown, workers.map("random", Bench.random_return, unknown), strict=True))
+    cache.add("random", driven)
+    random_returns |= driven
     return Measurements(
         episodes=episodes,
-        references=cache.returns(seeds),
+        references=ReferenceReturns(
+            expert=np.array([expert_returns[seed] for seed in seeds]),
+            random=np.array([random_returns[seed] for seed in seeds]),
+        ),
         held_out=_join([answers for _, answers in probes[: len(held_out)]]),
         pairs=_pairs(config, [episode for episode, _ in probes[: len(held_out)]], workers),
     )

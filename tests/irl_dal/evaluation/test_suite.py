@@ -4,6 +4,7 @@ from pathlib import Path
 import pytest
 
 from irl_dal.evaluation.bench import AgentSpec, Bench
+from irl_dal.evaluation.references import ReferenceCache
 from irl_dal.evaluation.suite import evaluate
 
 from .small import small_config
@@ -54,6 +55,16 @@ def test_references_are_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     other = replace(other, shield=replace(config.shield, enabled=False))
     with pytest.raises(AssertionError, match="driven again"):
         evaluate(other, AgentSpec("random"), tmp_path)
+
+
+def test_another_evaluation_may_lose_what_this_one_remembers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Two that write at once keep what one of them wrote; neither ends with an error."""
+    kept = evaluate(small_config(), AgentSpec("random"), tmp_path / "kept").report
+    monkeypatch.setattr(ReferenceCache, "add", lambda *_: None)
+    lost = evaluate(small_config(), AgentSpec("random"), tmp_path / "lost").report
+    assert comparable(lost) == comparable(kept)
 
 
 def test_the_experts_own_drives_are_its_references(
