@@ -193,7 +193,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
                 self._risk.lane_deviation,
                 stalled="stalled" in self._risk.reasons,
             )
-            command = weight * plan.actions[0] + (1.0 - weight) * own
+            # A plan's first action is one step away, a policy's may be many: of a far one even a
+            # small share holds the wheels at the angle where it pulls as hard as the plan turns.
+            own = watch.planner.admit(own, self._previous)
+            command = watch.blend.blend(plan.actions[0], own, weight)
         else:
             watch.blend.reset()
         if watch.safety_filter is None:  # with a shield, this is the shield's work

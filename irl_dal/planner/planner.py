@@ -153,18 +153,20 @@ class DiffusionPlanner:
             return self._plan(context, watchers, time.perf_counter())
 
     def admit(self, command: Array, previous: Array) -> Array:
-        """What may be executed without a shield: the policy's command or one blended with a plan.
+        """What a command comes to within the bounds of one step, for a mode that keeps them.
 
-        A blend of an admissible and an inadmissible command is inadmissible: a mode that ends in a
-        projection projects it once more, and the policy's between two plans, from which the next
-        plan has to go on. `none` leaves it as it is.
+        A blend of an admissible and an inadmissible command is inadmissible, and the further the
+        second is away, the less the first matters: a mode that ends in a projection is blended
+        with what the policy could do in the same step. Without a shield it also projects whatever
+        is executed, the policy's command between two plans, too, from which the next plan has to
+        go on. `none` leaves commands as they are.
 
         Args:
             command: Command (2,) [rad, m/s].
             previous: Last executed command (2,) [rad, m/s].
 
         Returns:
-            The command to execute (2,) [rad, m/s].
+            The admitted command (2,) [rad, m/s].
         """
         if self.config.projection == "none":
             return command

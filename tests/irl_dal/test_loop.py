@@ -89,6 +89,28 @@ def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
     assert (violations == 0) == kept
 
 
+@pytest.mark.parametrize(("projection", "reachable"), [("final", True), ("none", False)])
+def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
+    straight: RunConfig, projection: ProjectionMode, reachable: bool
+) -> None:
+    """Else a far wish outweighs a plan that may move one step; unprojected plans are far, too."""
+    config = replace(
+        straight,
+        planner=replace(straight.planner, projection=projection),
+        supervision=replace(straight.supervision, enabled=True, activation="always"),
+    )
+    loop = build_loop(config, supervision(config, build_planner(config)))
+    loop.reset(seed=0)
+    low, high = -loop.limits.fall - 1e-9, loop.limits.rise + 1e-9
+    moves = []
+    for turn in [1.0] * 10 + [-1.0] * 10:
+        info = loop.step(np.array([turn, 0.0]))[-1]
+        assert 0.0 < info["blend_weight"] < 1.0
+        moves.append(info["nominal_command"] - info["previous_command"])
+    loop.close()
+    assert bool(((moves >= low) & (moves <= high)).all()) == reachable
+
+
 def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> None:
     """After the stall time, on an open road; a variant without one waits for ever."""
     for stall_time, hands_over in ((1.0, True), (None, False)):
