@@ -33,23 +33,21 @@ class ReferenceCache:
 
     def known(self, driver: str) -> dict[int, float]:
         """Returns of a driver by seed, as far as they are known."""
-        returns = self._read().get(self.city, {}).get(driver, {})
-        return {int(seed): value for seed, value in returns.items()}
+        return self._read().get(self.city, {}).get(driver, {})
 
     def add(self, driver: str, returns: Mapping[int, float]) -> None:
         """Remember returns by seed."""
         content = self._read()
-        entry = content.setdefault(self.city, {}).setdefault(driver, {})
-        entry.update({str(seed): float(value) for seed, value in returns.items()})
+        content.setdefault(self.city, {}).setdefault(driver, {}).update(returns)
         write_json(self.path, content)
 
-    def _read(self) -> dict[str, dict[str, dict[str, float]]]:
+    def _read(self) -> dict[str, dict[str, dict[int, float]]]:
         """What the file holds: nothing if it is missing or damaged, it is only a cache."""
         try:
             content = json.loads(self.path.read_text(encoding="utf-8"))
             return {
                 city: {
-                    driver: {str(int(seed)): float(value) for seed, value in returns.items()}
+                    driver: {int(seed): float(value) for seed, value in returns.items()}
                     for driver, returns in drivers.items()
                 }
                 for city, drivers in content.items()

@@ -62,8 +62,8 @@ def replay_shares(runs: Sequence[RunResult]) -> dict[Mode, float]:
     shares = []
     for run in runs:
         columns = [run.curves.get(name, []) for name in REPLAY.values()]
-        held = np.array([row for row in zip(*columns, strict=True) if None not in row], dtype=float)
-        held = held[held.sum(axis=1) > 0.0] if held.size else held
+        rows = [row for row in zip(*columns, strict=True) if None not in row and any(row)]
+        held = np.array(rows, dtype=float)
         if len(held):
             shares.append((held / held.sum(axis=1, keepdims=True)).mean(axis=0))
     if not shares:
