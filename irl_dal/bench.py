@@ -1,4 +1,4 @@
-"""Measure the city and the planner.
+"""Measure city, planner and learners.
 
 python -m irl_dal.bench env     steps per second beside CarRacing-v3 and racetrack-v0
 python -m irl_dal.bench lane    lane measurement against the truth
@@ -6,6 +6,7 @@ python -m irl_dal.bench expert  success of the expert [--track FILE.csv]
 python -m irl_dal.bench faults  success of the expert under each fault, of an agent too [--run DIR]
 python -m irl_dal.bench car     step responses of the vehicle
 python -m irl_dal.bench planner how long a plan takes, and where the time goes [--run DIR]
+python -m irl_dal.bench learning how long gradient steps take on one thread and on two
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from rich.table import Table
 from irl_dal.benchmarks.car import car_tables
 from irl_dal.benchmarks.drive import Drive, drives
 from irl_dal.benchmarks.lane import lane_table
+from irl_dal.benchmarks.learning import learning_tables
 from irl_dal.benchmarks.planner import planner_tables
 from irl_dal.benchmarks.speed import compare_speed, missing_peers, parts_table, speed_table
 from irl_dal.checkpoint import CheckpointError
@@ -65,6 +67,11 @@ def _bench(asked: argparse.Namespace, console: Console) -> None:
             for part in planner_tables(asked.run, asked.rounds, asked.contexts):
                 console.print(part)
         return
+    if asked.what == "learning":
+        with one_thread():
+            for table in learning_tables(RunConfig(), asked.rounds):
+                console.print(table)
+        return
     if asked.what == "car":
         console.print(*car_tables())
         return
@@ -98,9 +105,11 @@ def _bench(asked: argparse.Namespace, console: Console) -> None:
 
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
-        prog="python -m irl_dal.bench", description="Measure the city and the planner."
+        prog="python -m irl_dal.bench",
+        description="Measure the city, the planner and the learners.",
     )
-    parser.add_argument("what", choices=("env", "lane", "expert", "faults", "car", "planner"))
+    subjects = ("env", "lane", "expert", "faults", "car", "planner", "learning")
+    parser.add_argument("what", choices=subjects)
     parser.add_argument("--episodes", type=int, default=20)
     parser.add_argument("--first-seed", type=int, default=FIRST_SEED)
     parser.add_argument("--difficulty", default="paper", help="easy, paper or hard")

@@ -15,6 +15,7 @@ from typing import Any
 import yaml
 
 from irl_dal.config import ConfigError, RunConfig, config_hash, parse, to_mapping
+from irl_dal.threads import GRADIENT_THREADS
 
 __all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
 
@@ -81,7 +82,8 @@ def create_run(path: Path, config: RunConfig) -> RunFolder:
     document = yaml.safe_dump(to_mapping(config), sort_keys=False)
     (hidden / "config.yaml").write_text(document, encoding="utf-8")
     started = {"format": RUN_FORMAT, "started": datetime.now().astimezone().isoformat()}
-    text = json.dumps(started | provenance(config) | {"machine": platform.platform()}, indent=2)
+    machine = {"machine": platform.platform(), "gradient_threads": GRADIENT_THREADS}
+    text = json.dumps(started | provenance(config) | machine, indent=2)
     (hidden / "run.json").write_text(text + "\n", encoding="utf-8")
     hidden.rename(path)
     return RunFolder(path, config)

@@ -1,1 +1,1 @@
-"""What the city can do, measured: speed, lane measurement, vehicle, faults."""
+"""Measured: the city (speed, lane measurement, vehicle, faults), plans and gradient steps."""

@@ -15,6 +15,7 @@ from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
 from irl_dal.learning.policy import observation_tensors
 from irl_dal.learning.ppo import DrivingPPO, driving_policy
+from irl_dal.threads import GRADIENT_THREADS, threads
 
 __all__ = ["Learners"]
 
@@ -33,6 +34,9 @@ class Learners:
         diffusion: Trains the planner; None without one.
         discriminator: D_psi.
         rng: Source of everything drawn from the replay buffer.
+
+    Attributes:
+        threads: On which an update computes.
     """
 
     def __init__(
@@ -51,6 +55,7 @@ class Learners:
         self.cloning = cloning
         self.diffusion = diffusion
         self.discriminator = discriminator
+        self.threads = GRADIENT_THREADS
         self._rng = rng
 
     def clone(self, steps: int) -> None:
@@ -58,8 +63,10 @@ class Learners:
         if self.replay.count() == 0:
             return
         record = self.ppo.logger.record
-        record("bc/train_loss", self.cloning.update(self._cloning_batch, steps))
-        held_out = self.cloning.validate(self.replay, self._rng)
+        with threads(self.threads):
+            loss = self.cloning.update(self._cloning_batch, steps)
+            held_out = self.cloning.validate(self.replay, self._rng)
+        record("bc/train_loss", loss)
         if held_out is not None:
             self.cloning.plateau(held_out.loss)
             record("bc/loss", held_out.loss)
@@ -74,10 +81,11 @@ class Learners:
         """TrainDiffusion(D_buffer), if there is a planner and any stretch of expert driving."""
         if self.diffusion is None or self.replay.count(source="chunk") == 0:
             return
-        balanced = self.config.balanced
         record = self.ppo.logger.record
-        record("planner/train_loss", self.diffusion.update(self.replay, steps, balanced=balanced))
-        held_out = self.diffusion.validate(self.replay)
+        with threads(self.threads):
+            loss = self.diffusion.update(self.replay, steps, balanced=self.config.balanced)
+            held_out = self.diffusion.validate(self.replay)
+        record("planner/train_loss", loss)
         if held_out is not None:
             record("planner/loss", held_out)
         record("planner/learning_rate", self.diffusion.learning_rate)
@@ -88,7 +96,8 @@ class Learners:
         assert isinstance(buffer, HybridRolloutBuffer)
         if buffer.pos == 0 or self.replay.count(source="expert") == 0:
             return
-        report = self.discriminator.update(self._expert_pairs(), self._agent_pairs(buffer))
+        with threads(self.threads):
+            report = self.discriminator.update(self._expert_pairs(), self._agent_pairs(buffer))
         record = self.ppo.logger.record
         record("discriminator/loss", report.loss)
         record("discriminator/accuracy", report.accuracy)

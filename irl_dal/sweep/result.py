@@ -57,8 +57,8 @@ class RunResult:
     Attributes:
         variant: Which variant was trained.
         seed: Of the training.
-        origin: Commit, configuration hash, version, machine, start and training time [s], and the
-            steps of the first phase.
+        origin: Commit, configuration hash, version, machine, threads of a gradient step, start and
+            training time [s], and the steps of the first phase.
         evaluation: Flat report of its evaluation, as `irl_dal.evaluate` writes it, without the
             lists of seeds.
         first_seed: Of the evaluation.
@@ -99,7 +99,7 @@ def summarise_run(folder: RunFolder) -> RunResult | None:
     started = _read(folder.path / "run.json")
     rows = read_metrics(folder.metrics)
     seconds = [float(row["time/total"]) for row in rows if row.get("time/total")]
-    kept = ("commit", "config_hash", "version", "machine", "started")
+    kept = ("commit", "config_hash", "version", "machine", "gradient_threads", "started")
     path, arrived = _overlay(folder)
     return RunResult(
         variant=folder.config.variant,

@@ -1,0 +1,120 @@
+"""How long the gradient steps of a run take, on one thread and on two, alone and not alone."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from rich.table import Table
+
+from irl_dal.build import build_loop, build_planner, supervision
+from irl_dal.config import RunConfig
+from irl_dal.learning import Pipeline
+from irl_dal.learning.learners import Learners
+from irl_dal.memory import keep_freed_memory
+
+__all__ = ["COUNTS", "beside", "demonstrated", "learning_tables", "time_updates"]
+
+COUNTS = (1, 2)
+"""Threads that are compared."""
+
+BUSY = (0, 1, 2)
+"""Other processes beside which they are compared."""
+
+STEPS = 10
+"""Gradient steps of one timed update."""
+
+DEMONSTRATION = 400
+"""Steps of the expert that the updates learn from."""
+
+
+@contextmanager
+def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
+    """The learners of a new run after some steps of the expert."""
+    planner = build_planner(config)
+    loop = build_loop(config, supervision(config, planner, training=True))
+    with TemporaryDirectory() as folder:
+        pipeline = Pipeline(
+            config.learning,
+            loop,
+            perception=config.perception,
+            run_dir=Path(folder),
+            seed=config.seed,
+        )
+        pipeline.learners.ppo.set_logger(pipeline.log.open(0))
+        try:
+            pipeline.recorder.reset()
+            for _ in range(steps):
+                _, _, terminated, truncated, _ = pipeline.recorder.step_expert()
+                if terminated or truncated:
+                    pipeline.recorder.reset()
+            yield pipeline.learners
+        finally:
+            pipeline.log.close()
+            loop.close()
+
+
+def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, dict[int, float]]:
+    """Median time of a gradient step [s] of policy and planner over threads, which take turns."""
+    updates = {"behaviour cloning": learners.clone, "planner": learners.train_planner}
+    found: dict[str, dict[int, list[float]]] = {
+        name: {count: [] for count in COUNTS} for name in updates
+    }
+    for place in range(-1, rounds):
+        for name, update in updates.items():
+            for count in COUNTS:
+                learners.threads = count
+                begun = time.perf_counter()
+                update(steps)
+                if place >= 0:  # the first round warms up
+                    found[name][count].append((time.perf_counter() - begun) / steps)
+    return {
+        name: {count: float(np.median(times)) for count, times in taken.items()}
+        for name, taken in found.items()
+    }
+
+
+@contextmanager
+def beside(processes: int) -> Iterator[list[subprocess.Popen[bytes]]]:
+    """So many other processes compute meanwhile."""
+    others = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)
+    ]
+    try:
+        yield others
+    finally:
+        for other in others:
+            other.kill()
+            other.wait()
+
+
+def learning_tables(config: RunConfig, rounds: int) -> Iterator[Table]:
+    """What the benchmark prints, for each number of other processes as soon as it is known.
+
+    Args:
+        config: Of a run.
+        rounds: How often every update is timed.
+    """
+    keep_freed_memory()
+    with demonstrated(config, DEMONSTRATION) as learners:
+        for processes in BUSY:
+            with beside(processes):
+                yield _table(time_updates(learners, rounds, STEPS), processes)
+
+
+def _table(found: dict[str, dict[int, float]], processes: int) -> Table:
+    title = f"one gradient step beside {processes} busy processes (median wall clock)"
+    table = Table("update", title=title)
+    for count in COUNTS:
+        table.add_column(f"{count} thread{'s' * (count > 1)} [ms]", justify="right")
+    table.add_column("ratio", justify="right")
+    for name, times in found.items():
+        one, two = (times[count] for count in COUNTS)
+        table.add_row(name, f"{1e3 * one:.1f}", f"{1e3 * two:.1f}", f"{two / one:.2f}")
+    return table
