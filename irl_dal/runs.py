@@ -51,6 +51,11 @@ class RunFolder:
         return self.path / "evaluation.json"
 
     @property
+    def unfinished(self) -> Path:
+        """Folder of what evaluations have driven that are not over."""
+        return self.path / "unfinished"
+
+    @property
     def figures(self) -> Path:
         """Folder of the figures."""
         return self.path / "figures"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -19,6 +18,7 @@ from irl_dal.comparison.numbers import summarise
 from irl_dal.comparison.work import Subject, Work, arm_bench, drive_arm, plan_in_states
 from irl_dal.config import to_mapping
 from irl_dal.evaluation.workers import CHUNK, progress_bar
+from irl_dal.fingerprint import fingerprint
 from irl_dal.runs import provenance
 
 __all__ = ["compare", "settings_of"]
@@ -87,13 +87,13 @@ def settings_of(subject: Subject) -> dict[str, Any]:
     return {
         "run": subject.run_dir.name,
         "step": checkpoint.step,
-        "weights": _digest(sorted(checkpoint.folder.glob("*"))),
+        "weights": fingerprint(*sorted(checkpoint.folder.iterdir())),
         "first_seed": comparison.first_seed,
         "states": comparison.states,
         "candidates": comparison.candidates,
         "path_states": comparison.path_states,
         "path_duration": comparison.path_duration,
-        "code": _code(),
+        "code": fingerprint(*(Path(irl_dal.__path__[0], name) for name in _CODE)),
         **{f"config.{key}": config[key] for key in kept},
     }
 
@@ -131,19 +131,3 @@ def _run(
     parallel = Parallel(n_jobs=min(jobs, len(calls)), return_as="generator_unordered")
     for done in parallel(calls):
         progress.advance(task, done)
-
-
-def _code() -> str:
-    here = Path(irl_dal.__file__).parent
-    files: list[Path] = []
-    for name in _CODE:
-        path = (here / name).resolve()
-        files += [path] if path.is_file() else sorted(path.rglob("*.py"))
-    return _digest(files)
-
-
-def _digest(files: Sequence[Path]) -> str:
-    digest = hashlib.sha256()
-    for path in files:
-        digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
+import shutil
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -15,7 +15,8 @@ from rich.console import Console
 import expert
 import irl_dal.envs
 import shield
-from irl_dal.config import RunConfig
+from irl_dal.checkpoint import CheckpointStore
+from irl_dal.config import RunConfig, to_mapping
 from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.measurements import (
     HeldOutActions,
@@ -27,7 +28,8 @@ from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.references import ReferenceCache
 from irl_dal.evaluation.rollout import spread_steps
 from irl_dal.evaluation.workers import Workers
-from irl_dal.runs import provenance
+from irl_dal.fingerprint import fingerprint
+from irl_dal.runs import RunFolder, provenance
 from irl_dal.threads import one_thread
 
 __all__ = ["Evaluation", "evaluate"]
@@ -51,6 +53,9 @@ def evaluate(
 ) -> Evaluation:
     """Drive and measure.
 
+    What a run has driven is kept in its folder until the end: the same evaluation, interrupted and
+    begun again, goes on.
+
     Args:
         config: What is evaluated; its `evaluation` says how much.
         spec: Who drives.
@@ -62,7 +67,8 @@ def evaluate(
     """
     with one_thread():
         Bench.build(config, spec).close()  # what cannot be built says so here, once
-    with Workers(config, spec, config.evaluation.n_jobs, console) as workers:
+    kept = _unfinished(config, spec)
+    with Workers(config, spec, config.evaluation.n_jobs, console, kept) as workers:
         measurements = _measure(config, spec, runs, workers)
     rng = np.random.default_rng(config.evaluation.first_seed)
     report: dict[str, Value] = {
@@ -73,6 +79,8 @@ def evaluate(
     report |= provenance(config)
     report |= compute_metrics(measurements, config.limits, rng)
     report |= {"latency_threads": 1, "latency_processes": config.evaluation.n_jobs}
+    if kept is not None:
+        shutil.rmtree(kept.parent, ignore_errors=True)
     return Evaluation(measurements, report)
 
 
@@ -138,9 +146,18 @@ def _city_hash(config: RunConfig) -> str:
     """Hash of what the references' returns depend on: city, expert, bounds, and their code."""
     parts = [asdict(config.env), asdict(config.expert), asdict(config.limits)]
     text = json.dumps(parts, sort_keys=True)
-    digest = hashlib.sha256(text.encode())
-    for package in (irl_dal.envs, expert, shield):
-        for path in sorted(Path(package.__path__[0]).rglob("*")):
-            if path.suffix in (".py", ".urdf"):
-                digest.update(path.read_bytes())
-    return digest.hexdigest()[:12]
+    packages = (irl_dal.envs, expert, shield)
+    return fingerprint(text, *(Path(package.__path__[0]) for package in packages))
+
+
+def _unfinished(config: RunConfig, spec: AgentSpec) -> Path | None:
+    """Where a run's evaluation keeps what it has driven: by weights, settings and code."""
+    if spec.run_dir is None:
+        return None
+    settings = to_mapping(config)
+    del settings["evaluation"]  # how much is driven, by how many: what was driven is the same
+    weights = sorted(CheckpointStore(spec.run_dir).load().folder.iterdir())
+    packages = (irl_dal, expert, shield)
+    code = (Path(package.__path__[0]) for package in packages)
+    name = fingerprint(json.dumps(settings, sort_keys=True), *weights, *code)
+    return RunFolder(spec.run_dir, config).unfinished / name

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
 from typing import TypeVar
 
-from joblib import Parallel, delayed
+from joblib import Memory, Parallel, delayed
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -30,15 +31,24 @@ class Workers:
         spec: Who drives in them.
         jobs: Number of processes.
         console: Where the progress bar goes; None shows none.
+        kept: Folder for results, of this configuration and agent alone: what is in it is not
+            worked out again. None keeps nothing.
     """
 
     def __init__(
-        self, config: RunConfig, spec: AgentSpec, jobs: int, console: Console | None
+        self,
+        config: RunConfig,
+        spec: AgentSpec,
+        jobs: int,
+        console: Console | None,
+        kept: Path | None = None,
     ) -> None:
         self._config = config
         self._spec = spec
         self._jobs = jobs
         self._progress = progress_bar(console)
+        memory = Memory(kept, verbose=0)
+        self._work = memory.cache(_work, ignore=["config", "spec"])
 
     def __enter__(self) -> Workers:
         self._progress.start()
@@ -58,7 +68,7 @@ class Workers:
         task = self._progress.add_task(what, total=len(items))
         results: list[Result] = []
         parallel = Parallel(n_jobs=min(self._jobs, len(chunks)), return_as="generator")
-        calls = (delayed(_work)(self._config, self._spec, work, chunk) for chunk in chunks)
+        calls = (delayed(self._work)(self._config, self._spec, work, chunk) for chunk in chunks)
         for done in parallel(calls):
             results += done
             self._progress.advance(task, len(done))

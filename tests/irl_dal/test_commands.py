@@ -110,6 +110,29 @@ def test_evaluating_a_run_repeats_its_numbers(trained: Path, call: Call, tmp_pat
         assert again[key] == before[key], key
 
 
+def test_an_interrupted_evaluation_goes_on(
+    trained: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What was driven is not driven again; other weights, settings or code share none of it."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    out = tmp_path / "at_last.json"
+    extent = (f"run={trained}", "n_jobs=1", "evaluation.held_out_episodes=0", f"out={out}")
+    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+        patch.setattr("irl_dal.evaluation.suite.compute_metrics", interrupt)
+        call("evaluate", *extent, "episodes=2")
+    with monkeypatch.context() as patch:
+        patch.setattr("irl_dal.evaluation.workers.Bench", None)  # nobody can drive
+        with pytest.raises(AttributeError):
+            call("evaluate", *extent, "episodes=2", "shield=off")
+        assert (trained / "unfinished").is_dir()
+        call("evaluate", *extent, "episodes=2")
+    assert json.loads(out.read_text())["episodes"] == 2
+    assert not (trained / "unfinished").exists()
+
+
 def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: Path) -> None:
     """Values of the city may be stated anew; what training settled may not."""
     out = tmp_path / "bare.json"
