@@ -56,6 +56,7 @@ def supervision(
         planner=planner,
         blend=None if planner is None else planner.blend,
         activation=config.supervision.activation,
+        without_lane=config.supervision.without_lane,
         safety_filter=_safety_filter(config) if config.shield.enabled else None,
         expert_reference=training and config.supervision.expert_reference,
     )

@@ -70,12 +70,14 @@ class SupervisionConfig:
     Attributes:
         enabled: Whether there is a planner at all.
         activation: When it is asked: on the trigger, always or never.
+        without_lane: Whether the trigger asks it also where no lane is seen and nothing is near.
         expert_reference: Whether the expert's command is its reference (E_expert) in training; in
             an evaluation there is no expert to ask.
     """
 
     enabled: bool = True
     activation: Activation = "trigger"
+    without_lane: bool = False
     expert_reference: bool = True
 
 

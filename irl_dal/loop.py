@@ -42,6 +42,9 @@ Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
 Activation = Literal["trigger", "always", "never"]
 
+CREEP = 2.0
+"""Speed that a stalled car asks of its shield [m/s]: walking pace, fast enough to be under way."""
+
 SOURCES = ("policy", "planner", "blend", "expert")
 """Where a command can come from before the shield."""
 
@@ -54,6 +57,8 @@ class Supervision:
         planner: Proposes a horizon in risky states; None leaves the nominal action alone.
         blend: Mixes the plan's first action with the nominal one.
         activation: When the planner is asked: on the trigger, always or never.
+        without_lane: On the trigger, ask it also where no lane is seen and nothing is near. It
+            plans by the lane estimate; the policy has the camera.
         safety_filter: The shield; None lets every command pass (for comparisons only).
         expert_reference: Give the planner the expert's command as a reference (E_expert). The
             expert is there while learning, not in an evaluation.
@@ -62,6 +67,7 @@ class Supervision:
     planner: DiffusionPlanner | None = None
     blend: ActionBlend | None = None
     activation: Activation = "trigger"
+    without_lane: bool = True
     safety_filter: SafetyFilter | None = None
     expert_reference: bool = False
 
@@ -186,22 +192,31 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             return None, 0.0, own
         plan: Plan | None = None
         weight, command = 0.0, own
-        if watch.activation == "always" or self._risk.risky:
+        if watch.activation == "always" or self._planner_can_help():
+            stalled = "stalled" in self._risk.reasons
             plan = watch.planner.plan(self._context)
             weight = watch.blend.weight(
-                self._distance.clearance,
-                self._risk.lane_deviation,
-                stalled="stalled" in self._risk.reasons,
+                self._distance.clearance, self._risk.lane_deviation, stalled=stalled
             )
             # A plan's first action is one step away, a policy's may be many: of a far one even a
             # small share holds the wheels at the angle where it pulls as hard as the plan turns.
             own = watch.planner.admit(own, self._previous)
             command = watch.blend.blend(plan.actions[0], own, weight)
+            if stalled and watch.safety_filter is not None:
+                # Plans that begin at rest may stay there; the shield stops what must not go on.
+                going = np.array([command[0], max(command[1], CREEP)])
+                command = watch.planner.admit(going, self._previous)
         else:
             watch.blend.reset()
         if watch.safety_filter is None:  # with a shield, this is the shield's work
             command = watch.planner.admit(command, self._previous)
         return plan, weight, command
+
+    def _planner_can_help(self) -> bool:
+        """Whether the state is risky, and something is known that a plan can go by."""
+        risk = self._risk
+        seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
+        return risk.risky and (seen or self.supervision.without_lane)
 
     def _execute(
         self, command: Array, plan: Plan | None, record: Info

@@ -1,4 +1,4 @@
-"""When the planner has to help: little free distance, far from a lane, blind, or stuck."""
+"""When the planner has to help: something near, astray or about to be, blind, or stuck."""
 
 import math
 from dataclasses import dataclass
@@ -29,6 +29,10 @@ class TriggerConfig:
         max_age: Age of an estimate from which the sensor counts as lost [s].
         stall_speed: A car slower than this has stalled after `stall_time` [m/s].
         stall_time: None for never [s]. Default: who crosses the road has gone by then.
+        preview_time: A car whose heading leads `lane_deviation` beyond the outermost lanes within
+            this time is leaving them: the time to line crossing as distance by lateral speed, which
+            tells shortly before the line (doi:10.1016/S0001-4575(99)00048-2). None for never [s].
+            Default: the planner's lane energy looks as far ahead.
 
     Raises:
         InvalidLimits: A value is not finite or has the wrong sign, or there is no lane centre.
@@ -45,6 +49,7 @@ class TriggerConfig:
     max_age: float = 0.5
     stall_speed: float = 1.0
     stall_time: float | None = 4.0
+    preview_time: float | None = 1.0
 
     def __post_init__(self) -> None:
         """Refuse impossible thresholds, naming the field and the value received."""
@@ -55,8 +60,9 @@ class TriggerConfig:
             max_age=self.max_age,
             stall_speed=self.stall_speed,
         )
-        if self.stall_time is not None:
-            check_positive(InvalidLimits, stall_time=self.stall_time)
+        for name in ("stall_time", "preview_time"):
+            if getattr(self, name) is not None:
+                check_positive(InvalidLimits, **{name: getattr(self, name)})
         for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
             value = getattr(self, name)
             if not is_number(value) or not 0.0 <= as_float(value) < math.inf:
@@ -80,8 +86,8 @@ class Risk:
 
     Attributes:
         risky: Whether the planner has to help.
-        reasons: Any of "clearance", "lane_deviation", "lidar_lost", "lane_lost", "stalled", or
-            "hold" alone while the verdict outlives its reasons; empty when not risky.
+        reasons: Any of "clearance", "lane_deviation", "leaving", "lidar_lost", "lane_lost",
+            "stalled", or "hold" alone while the verdict outlives its reasons; empty when not risky.
         lane_deviation: Distance to the nearest admissible lane centre [m].
     """
 
@@ -94,10 +100,11 @@ class RiskTrigger:
     """Decides on inflated estimates, with hysteresis and a hold time.
 
     A state becomes risky when ``clearance - k σ`` falls below its threshold, ``deviation + k σ``
-    rises above its own, or an estimate is invalid or too old: not knowing is a risk. A car that has
-    stalled needs help as well: it may wait for ever where whoever drives it sees no way. The state
-    stays risky until no reason, judged by the stricter thresholds of the hysteresis, has appeared
-    for `hold_time`.
+    rises above its own, or an estimate is invalid or too old: not knowing is a risk. So is a
+    heading that leads out of the lanes: a car that crosses the last one at an angle is near its
+    centre for a moment. A car that has stalled needs help as well: it may wait for ever where
+    whoever drives it sees no way. The state stays risky until no reason, judged by the stricter
+    thresholds of the hysteresis, has appeared for `hold_time`.
 
     Args:
         config: Thresholds.
@@ -131,13 +138,13 @@ class RiskTrigger:
         Args:
             clearance: Tracked clearance.
             lane: Tracked lane pose.
-            speed: Own speed [m/s], if known: without it no car stalls.
+            speed: Own speed [m/s], if known: without it no car stalls or leaves its lanes.
         """
         config = self.config
         slow = speed is not None and abs(speed) < config.stall_speed
         self._slow_steps = self._slow_steps + 1 if slow else 0
         deviation = min(abs(lane.lateral_offset - centre) for centre in config.lane_centres)
-        reasons = self._reasons(clearance, lane, deviation)
+        reasons = self._reasons(clearance, lane, deviation, speed)
         if reasons:
             self._risky, self._quiet_steps = True, 0
         elif self._risky:
@@ -149,7 +156,11 @@ class RiskTrigger:
         return Risk(self._risky, reasons, deviation)
 
     def _reasons(
-        self, clearance: ClearanceEstimate, lane: LaneEstimate, deviation: float
+        self,
+        clearance: ClearanceEstimate,
+        lane: LaneEstimate,
+        deviation: float,
+        speed: float | None,
     ) -> tuple[str, ...]:
         """Return what is risky now; comparisons are written so that NaN counts as risky."""
         config = self.config
@@ -165,9 +176,22 @@ class RiskTrigger:
             reasons.append("lane_lost")
         if not deviation + config.sigma_factor * lane.offset_std <= config.lane_deviation - slack:
             reasons.append("lane_deviation")
+        if not self._beyond(lane, speed) <= config.lane_deviation - slack:
+            reasons.append("leaving")
         if self._slow_steps > self._stall_steps:
             reasons.append("stalled")
         return tuple(reasons)
+
+    def _beyond(self, lane: LaneEstimate, speed: float | None) -> float:
+        """How far beyond the outermost lane centres the heading leads in the preview time [m]."""
+        config = self.config
+        if config.preview_time is None or speed is None or not math.isfinite(speed):
+            return -math.inf
+        if not math.isfinite(lane.heading_error):
+            return math.inf
+        sideways = abs(speed) * math.sin(lane.heading_error)
+        ahead = lane.lateral_offset + config.preview_time * sideways
+        return max(min(config.lane_centres) - ahead, ahead - max(config.lane_centres))
 
 
 def _periods(time: float, dt: float) -> int:

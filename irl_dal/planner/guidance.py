@@ -34,6 +34,9 @@ class GuidanceConfig:
         careful_end: Whether the last step is shortened to where it lowers the energy most, or not
             taken. Where the energy is steep a step of full length goes past the valley: the plan's
             energy then rises by it. The paper takes the full length.
+        last_steps: How many steps a careful end takes at most; it ends where the next one would
+            not lower the energy. The network undoes part of every earlier step, the last ones
+            stay. The paper takes one.
 
     Raises:
         ValueError: A value that cannot be meant.
@@ -42,21 +45,24 @@ class GuidanceConfig:
     scale: float = 0.1
     epsilon: float = 0.3
     careful_end: bool = True
+    last_steps: int = 6
 
     def __post_init__(self) -> None:
+        if self.last_steps < 1:
+            raise ValueError(f"`last_steps` must be at least 1. Got {self.last_steps}.")
         if not (math.isfinite(self.scale) and self.scale >= 0):
             raise ValueError(f"`scale` must be finite and not negative. Got {self.scale}.")
         if not (math.isfinite(self.epsilon) and self.epsilon > 0):
             raise ValueError(f"`epsilon` must be finite and positive. Got {self.epsilon}.")
 
 
-FRACTIONS = np.array([1.0, 0.5, 0.25, 0.1])
-"""Of the step's length, tried at once at a careful end."""
-FRACTIONS.setflags(write=False)
+SHARES = np.array([1.0, 0.5, 0.25, 0.1])
+"""Of a step's length, tried at once at a careful end."""
+SHARES.setflags(write=False)
 
 
 class Guidance(Refinement):
-    """One normalised gradient step per reverse step.
+    """One normalised gradient step per reverse step, several shortened ones at a careful end.
 
     Args:
         energy: Composite energy of this context.
@@ -77,18 +83,33 @@ class Guidance(Refinement):
 
     def clean(self, clean: Array, index: int) -> Array:
         """The estimate (B, H, 2) moved towards lower energy."""
-        self.energy_before, gradient = self._energy.evaluate(clean)
+        if index == self._last:
+            return self._descend(clean)
+        self.energy_before, step = self._step(clean)
+        return clean - step
+
+    def _step(self, clean: Array) -> tuple[Array, Array]:
+        """Energies (B,) and a step of Eq. dal_guidance (B, H, 2), to be subtracted."""
+        energies, gradient = self._energy.evaluate(clean)
         norm: Array = np.sqrt(np.einsum("bhc,bhc->b", gradient, gradient))
         gradient *= (self._config.scale / (norm + self._config.epsilon))[:, None, None]
-        if index == self._last:
-            gradient *= self._fraction(clean, gradient)[:, None, None]
-        return clean - gradient
+        return energies, gradient
 
-    def _fraction(self, clean: Array, step: Array) -> Array:
+    def _descend(self, clean: Array) -> Array:
+        """The careful end: steps that each lower the energy as far as they can."""
+        self.energy_before, step = self._step(clean)
+        energies = self.energy_before
+        for left in reversed(range(self._config.last_steps)):
+            share = self._share(clean, step, energies)
+            if not share.any():
+                break
+            clean = clean - share[:, None, None] * step
+            if left:
+                energies, step = self._step(clean)
+        return clean
+
+    def _share(self, clean: Array, step: Array, energies: Array) -> Array:
         """Share of each plan's step that leads to the least energy, 0 where all raise it (B,)."""
-        assert self.energy_before is not None
-        tried = clean - FRACTIONS[:, None, None, None] * step
-        energies = self._energy.value(tried.reshape(-1, *clean.shape[1:]))
-        energies = energies.reshape(len(FRACTIONS), -1)
-        best = energies.argmin(axis=0)
-        return np.where(energies.min(axis=0) < self.energy_before, FRACTIONS[best], 0.0)
+        tried = clean - SHARES[:, None, None, None] * step
+        found = self._energy.value(tried.reshape(-1, *clean.shape[1:])).reshape(len(SHARES), -1)
+        return np.where(found.min(axis=0) < energies, SHARES[found.argmin(axis=0)], 0.0)

@@ -19,6 +19,7 @@ from irl_dal.benchmarks.planner import (
 )
 from irl_dal.config import RunConfig
 from irl_dal.planner.config import SamplerKind
+from irl_dal.planner.guidance import GuidanceConfig
 from tests.irl_dal.planner.scenes import LIMITS, context, planner, random_context
 
 SCENES = [random_context(np.random.default_rng(seed)) for seed in range(3)]
@@ -52,7 +53,8 @@ def test_our_loop_is_faster_than_the_plain_one() -> None:
 
 def test_shares_are_those_of_the_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a clock that ticks once per look, each timed call takes one; nothing stays patched."""
-    made, ticks = planner(sampling_steps=4), itertools.count()
+    made = planner(sampling_steps=4, guidance=GuidanceConfig(last_steps=1))
+    ticks = itertools.count()
     methods = [(owner, name) for part in PARTS.values() for owner, name in part]
     before = [getattr(owner, name) for owner, name in methods]
     monkeypatch.setattr("irl_dal.benchmarks.planner.time.process_time", lambda: float(next(ticks)))

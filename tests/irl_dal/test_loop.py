@@ -111,8 +111,28 @@ def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
     assert bool(((moves >= low) & (moves <= high)).all()) == reachable
 
 
+def test_a_planner_that_sees_no_lane_is_not_asked(
+    straight: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Unless something is near, or the variant asks it all the same; the state stays risky."""
+    for without_lane, asked in ((False, False), (True, True)):
+        watch = replace(straight.supervision, enabled=True, without_lane=without_lane)
+        config = replace(straight, supervision=watch)
+        loop = build_loop(config, supervision(config, build_planner(config)))
+        loop.reset(seed=0)
+        see = loop._lane.update
+        monkeypatch.setattr(loop._lane, "update", lambda _, *motion, see=see: see(None, *motion))
+        ahead = loop.limits.to_action(np.array([0.0, 8.0]))
+        risks = [(loop._risk, loop.step(ahead)[-1]["triggered"]) for _ in range(150)]
+        loop.close()
+        blind = [triggered for risk, triggered in risks if risk.reasons == ("lane_lost",)]
+        near = [triggered for risk, triggered in risks if "clearance" in risk.reasons]
+        assert len(blind) > 10 and set(blind) == {asked}
+        assert near and all(near)
+
+
 def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> None:
-    """After the stall time, on an open road; a variant without one waits for ever."""
+    """After the stall time it goes on, on an open road; a variant without one waits for ever."""
     for stall_time, hands_over in ((1.0, True), (None, False)):
         trigger = replace(straight.shield.trigger, stall_time=stall_time)
         config = replace(
@@ -127,3 +147,5 @@ def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> 
         loop.close()
         alone = [info["blend_weight"] == 1.0 for info in steps if info["triggered"]]
         assert any(alone) == hands_over
+        speeds = [info["executed_command"][1] for info in steps]
+        assert (max(speeds[20:]) > loop.city.config.initial_speed / 4) == hands_over

@@ -91,6 +91,34 @@ def test_no_car_stalls_whose_speed_is_not_known_or_does_not_matter(
     assert not any(trigger.update(CLEAR, CENTRED, speed).risky for _ in range(100))
 
 
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_a_heading_that_leads_out_of_the_lanes_is_risky(side: float) -> None:
+    """Near the centre of an outermost lane or not; a change to the other lane leads nowhere out."""
+    config = TriggerConfig(lane_centres=(0.0, 3.5 * side), hold_time=0.0, preview_time=1.0)
+    trigger = RiskTrigger(config, 0.1)
+    out = replace(CENTRED, lateral_offset=3.6 * side, heading_error=0.4 * side)
+    inwards = replace(out, heading_error=-0.4 * side)
+    across = replace(CENTRED, lateral_offset=0.5 * side, heading_error=0.4 * side)
+    # 4 m/s at 0.4 rad are 1.56 m sideways in a second: to 5.16 m, 1.66 m beyond 3.5 m.
+    assert trigger.update(CLEAR, out, 4.0).reasons == ("leaving",)
+    assert trigger.update(CLEAR, out, 2.7).risky  # 1.15 m beyond: below the threshold of 1.2 m
+    assert not trigger.update(CLEAR, out, 2.2).risky  # 0.96 m: below the hysteresis, too
+    assert not trigger.update(CLEAR, out, 2.7).risky
+    for lane in (inwards, across):
+        assert not trigger.update(CLEAR, lane, 4.0).risky
+    for speed in (None, math.nan):
+        assert not trigger.update(CLEAR, out, speed).risky
+    never = RiskTrigger(replace(config, preview_time=None), 0.1)
+    assert not never.update(CLEAR, out, 4.0).risky
+
+
+@pytest.mark.parametrize("heading", [math.nan, math.inf])
+def test_a_heading_that_is_not_finite_is_a_risk(heading: float) -> None:
+    """Where it may lead is not known."""
+    trigger = RiskTrigger(TriggerConfig(), 0.1)
+    assert trigger.update(CLEAR, replace(CENTRED, heading_error=heading), 1.0).risky
+
+
 @two_tiers(values=st.lists(NASTY, min_size=6, max_size=6), valid=st.booleans())
 def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bool) -> None:
     """NaN in any deciding value raises risk; nothing raises an exception."""
@@ -117,6 +145,7 @@ def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bo
         ("hold_time", -0.1),
         ("stall_speed", 0.0),
         ("stall_time", -4.0),
+        ("preview_time", 0.0),
         ("lane_centres", ()),
         ("lane_centres", (0.0, math.nan)),
     ],

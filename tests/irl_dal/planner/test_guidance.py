@@ -54,6 +54,22 @@ def test_a_careful_end_never_raises_the_energy(careful: bool) -> None:
     assert moved > 150
 
 
+def test_a_careful_end_goes_on_while_the_energy_falls() -> None:
+    """More steps, less energy, up to the number that is asked for; at the minimum none is taken."""
+    scene = context(distance=1.0)
+    energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
+    actions = chunks(np.random.default_rng(0), scene, 3)
+    found = []
+    for steps in (1, 2, 6, 200):
+        guidance = Guidance(energy, GuidanceConfig(last_steps=steps), last=9)
+        end = guidance.clean(actions, 9)
+        np.testing.assert_array_equal(guidance.energy_before, energy.value(actions))
+        found.append(energy.value(end))
+    assert bool(np.all(np.diff(found, axis=0) < 0))
+    again = Guidance(energy, GuidanceConfig(), last=9).clean(end, 9)
+    assert bool(np.all(energy.value(again) > 0.9 * energy.value(end)))
+
+
 def test_only_the_last_step_is_careful() -> None:
     """Steps before it keep the length of the equation."""
     scene = context(distance=1.0)
@@ -115,7 +131,8 @@ def test_guided_plans_have_lower_energy_than_unguided_ones(projection: str) -> N
 
 
 @pytest.mark.parametrize(
-    ("name", "value"), [("scale", -0.1), ("epsilon", 0.0), ("scale", math.nan)]
+    ("name", "value"),
+    [("scale", -0.1), ("epsilon", 0.0), ("scale", math.nan), ("last_steps", 0)],
 )
 def test_config_refuses_nonsense(name: str, value: float) -> None:
     """An impossible step is refused by name and value."""
