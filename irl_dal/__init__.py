@@ -2,7 +2,7 @@
 
 import os
 
-# GNU OpenMP reads this when torch is loaded. By default an idle thread waits actively for
-# milliseconds; on cores that are busy with something else, gradient steps then take five times as
-# long. With a short wait they take twice as long there, and no longer on idle cores.
+# GNU OpenMP reads this when torch is loaded: how long an idle thread waits actively. Its default is
+# 300,000 turns, milliseconds in which it takes the core from whatever else runs there. What a short
+# wait is worth beside other runs: docs/decisions.md.
 os.environ.setdefault("GOMP_SPINCOUNT", "20000")

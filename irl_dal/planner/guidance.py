@@ -97,15 +97,15 @@ class Guidance(Refinement):
 
     def _descend(self, clean: Array) -> Array:
         """The careful end: steps that each lower the energy as far as they can."""
-        self.energy_before, step = self._step(clean)
-        energies = self.energy_before
-        for left in reversed(range(self._config.last_steps)):
+        before = None
+        for _ in range(self._config.last_steps):
+            energies, step = self._step(clean)
+            before = energies if before is None else before
             share = self._share(clean, step, energies)
             if not share.any():
                 break
             clean = clean - share[:, None, None] * step
-            if left:
-                energies, step = self._step(clean)
+        self.energy_before = before
         return clean
 
     def _share(self, clean: Array, step: Array, energies: Array) -> Array:

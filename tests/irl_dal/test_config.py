@@ -75,6 +75,18 @@ def test_variants_add_one_part_after_the_other(
     assert config.shield.enabled is shield
 
 
+@pytest.mark.parametrize("variant", ["ppo_uniform", "fsm_replay", "diffusion", "irl_dal", "paper"])
+def test_only_ours_asks_the_planner_otherwise_than_the_paper(variant: str) -> None:
+    """Stalled cars, headings, lanes out of sight and further steps of guidance are ours."""
+    theirs, ours = composed(f"variant={variant}"), composed("variant=shielded")
+    trigger = theirs.shield.trigger
+    assert trigger.stall_time is None and trigger.preview_time is None
+    assert theirs.supervision.without_lane and not ours.supervision.without_lane
+    assert theirs.planner.guidance.last_steps == 1 < ours.planner.guidance.last_steps
+    assert ours.shield.trigger.stall_time is not None
+    assert ours.shield.trigger.preview_time is not None
+
+
 def test_the_paper_preset_is_everything_as_printed() -> None:
     """Printed schedule, energies, mask, reward and Eq. 28, with Table II's numbers."""
     config = composed("preset=paper")
