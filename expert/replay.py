@@ -91,7 +91,7 @@ class ReplayBuffer:
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
         self._size = 0
-        self._latest = -1
+        self._latest: dict[int, int] = {}
         self._counter = 0
 
     def __len__(self) -> int:
@@ -262,18 +262,19 @@ class ReplayBuffer:
         self._queues[mode].append(slot)
         self._link(slot)
         self._size += 1
-        self._latest = slot
         self._counter = int(values["serial"]) + 1
         self._cache.clear()
 
     def _link(self, slot: int) -> None:
-        episode, step, latest = self._data["episode"], self._data["step"], self._latest
-        joined = latest >= 0 and latest != slot
-        joined = joined and episode[latest] == episode[slot] and step[latest] + 1 == step[slot]
+        """Join a transition to its episode's newest one; episodes may come in turns."""
+        episode, step = int(self._data["episode"][slot]), self._data["step"]
+        latest = self._latest.get(episode, -1)
+        joined = latest >= 0 and step[latest] + 1 == step[slot]
         self._following[slot] = -1
         self._preceding[slot] = latest if joined else -1
         if joined:
             self._following[latest] = slot
+        self._latest[episode] = slot
 
     def _evict(self) -> int:
         fullest = max(self._queues.values(), key=len)
@@ -283,8 +284,9 @@ class ReplayBuffer:
             self._following[before] = -1
         if after >= 0:
             self._preceding[after] = -1
-        if slot == self._latest:
-            self._latest = -1
+        episode = int(self._data["episode"][slot])
+        if self._latest.get(episode) == slot:
+            del self._latest[episode]
         self._size -= 1
         return slot
 

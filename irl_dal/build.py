@@ -2,22 +2,31 @@
 
 from __future__ import annotations
 
+import signal
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from expert import FSMExpert
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityEnv
-from irl_dal.learning import DrivingPolicy, build_policy
+from irl_dal.learning import Driver, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
+from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
+from irl_dal.threads import one_thread
 from shield import SafetyFilter
 
 __all__ = [
+    "build_drivers",
     "build_loop",
     "build_planner",
     "expert_supervision",
@@ -29,15 +38,16 @@ PATIENCE = 10.0
 """Longest time for a shield call in simulated time [s], which stands still meanwhile: a busy
 machine must not change a result."""
 
-_STREAM = (1_000,)
-"""Spawn key of the planner's random stream: none of those that learning splits the seed into."""
+_PLANNER, _EPISODES = (1_000,), (1_001,)
+"""Spawn keys of the planner's random stream and of the training episodes': none of those that
+learning splits the seed into."""
 
 
 def build_planner(config: RunConfig) -> DiffusionPlanner | None:
     """The planner with its own random stream of the run's seed; None where it is switched off."""
     if not config.supervision.enabled:
         return None
-    stream = np.random.SeedSequence(config.seed, spawn_key=_STREAM).generate_state(1, np.uint64)
+    stream = np.random.SeedSequence(config.seed, spawn_key=_PLANNER).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(stream[0] >> 1))
     return DiffusionPlanner(config.planner, config.limits, generator=generator)
 
@@ -77,6 +87,20 @@ def build_loop(
     return ControlLoop(city, expert, watch, shield.trigger, shield.barrier)
 
 
+def build_drivers(config: RunConfig, *, processes: bool) -> VecEnv:
+    """The cars of a training.
+
+    Args:
+        config: Of the run.
+        processes: Give each car a process of its own. What they drive is the same.
+    """
+    build = _alone if processes else _driver
+    cars: list[Callable[[], gymnasium.Env[Any, Any]]] = [
+        partial(build, config, place) for place in range(config.learning.n_envs)
+    ]
+    return SubprocVecEnv(cars) if processes else DummyVecEnv(cars)
+
+
 def load_run(
     config: RunConfig, run_dir: Path, loop: ControlLoop, planner: DiffusionPlanner | None
 ) -> DrivingPolicy:
@@ -110,3 +134,17 @@ def load_run(
 
 def _safety_filter(config: RunConfig) -> SafetyFilter:
     return SafetyFilter(config.limits, config.shield.solver, deadline=PATIENCE)
+
+
+def _driver(config: RunConfig, place: int) -> Driver:
+    loop = build_loop(config, supervision(config, build_planner(config), training=True))
+    seeds = np.random.SeedSequence(config.seed, spawn_key=_EPISODES)
+    return Driver(loop, config.learning, seeds, place)
+
+
+def _alone(config: RunConfig, place: int) -> Driver:
+    """In a process that does nothing else, and that ends when its parent says so."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    one_thread().__enter__()
+    keep_freed_memory()
+    return _driver(config, place)

@@ -16,7 +16,7 @@ from hydra.types import RunMode
 from omegaconf import DictConfig
 from rich.console import Console
 
-from irl_dal.build import build_loop, build_planner, supervision
+from irl_dal.build import build_drivers, build_planner
 from irl_dal.command import run_command
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
@@ -24,7 +24,7 @@ from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.memory import keep_freed_memory
 from irl_dal.overrides import stated, unchanged
 from irl_dal.runs import RunFolder, create_run, default_run_dir, open_run, provenance
-from irl_dal.threads import one_thread
+from irl_dal.threads import GRADIENT_THREADS, one_thread
 
 __all__ = ["main"]
 
@@ -90,11 +90,12 @@ def _train(folder: RunFolder, console: Console) -> None:
     """Both phases, from the newest checkpoint on if there is one."""
     config: RunConfig = folder.config
     keep_freed_memory()
-    planner = build_planner(config)
-    loop = build_loop(config, supervision(config, planner, training=True))
+    # Where the process was given one core alone, further processes would take others' cores.
+    drivers = build_drivers(config, processes=GRADIENT_THREADS > 1)
     pipeline = Pipeline(
         config.learning,
-        loop,
+        drivers,
+        build_planner(config),
         perception=config.perception,
         run_dir=folder.path,
         seed=config.seed,
@@ -108,7 +109,7 @@ def _train(folder: RunFolder, console: Console) -> None:
         with one_thread():
             pipeline.run()
     finally:
-        loop.close()
+        drivers.close()
 
 
 if __name__ == "__main__":

@@ -13,9 +13,10 @@ from tempfile import TemporaryDirectory
 import numpy as np
 from rich.table import Table
 
-from irl_dal.build import build_loop, build_planner, supervision
+from irl_dal.build import build_drivers, build_planner
 from irl_dal.config import RunConfig
 from irl_dal.learning import Pipeline
+from irl_dal.learning.demonstrations import demonstrations
 from irl_dal.learning.learners import Learners
 from irl_dal.memory import keep_freed_memory
 
@@ -37,27 +38,24 @@ DEMONSTRATION = 400
 @contextmanager
 def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
     """The learners of a new run after some steps of the expert."""
-    planner = build_planner(config)
-    loop = build_loop(config, supervision(config, planner, training=True))
+    drivers = build_drivers(config, processes=False)
     with TemporaryDirectory() as folder:
         pipeline = Pipeline(
             config.learning,
-            loop,
+            drivers,
+            build_planner(config),
             perception=config.perception,
             run_dir=Path(folder),
             seed=config.seed,
         )
         pipeline.learners.ppo.set_logger(pipeline.log.open(0))
         try:
-            pipeline.recorder.reset()
-            for _ in range(steps):
-                _, _, terminated, truncated, _ = pipeline.recorder.step_expert()
-                if terminated or truncated:
-                    pipeline.recorder.reset()
+            for driven in demonstrations(drivers, steps):
+                pipeline.recorder.take(driven)
             yield pipeline.learners
         finally:
             pipeline.log.close()
-            loop.close()
+            drivers.close()
 
 
 def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, dict[int, float]]:

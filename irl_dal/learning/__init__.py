@@ -4,6 +4,7 @@ from irl_dal.learning.behaviour_cloning import BehaviourCloning, CloningConfig, 
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.diffusion_training import DiffusionTraining, DiffusionTrainingConfig
 from irl_dal.learning.discriminator import Discriminator, DiscriminatorConfig
+from irl_dal.learning.driver import Driver
 from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import HybridReward, HybridRewardConfig, HybridRolloutBuffer
 from irl_dal.learning.pipeline import Pipeline
@@ -18,6 +19,7 @@ __all__ = [
     "DiffusionTrainingConfig",
     "Discriminator",
     "DiscriminatorConfig",
+    "Driver",
     "DrivingPolicy",
     "ExperienceCorrection",
     "HybridReward",

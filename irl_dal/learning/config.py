@@ -35,6 +35,8 @@ class LearningConfig:
     Attributes:
         imitation_steps: N_imitation, steps that the expert drives.
         mixed_steps: N_mixed, steps that the policy drives.
+        n_envs: Cars that drive beside each other (not in the paper); in phase 2 each drives its
+            share of PPO's `n_steps`.
         buffer_capacity: Transitions in the replay buffer over all modes.
         bc_interval_imitation: Steps between two behaviour cloning updates in phase 1.
         bc_interval_mixed: The same in phase 2.
@@ -64,6 +66,7 @@ class LearningConfig:
 
     imitation_steps: int = 20_000
     mixed_steps: int = 30_000
+    n_envs: int = 2
     buffer_capacity: int = 50_000
     bc_interval_imitation: int = 1_000
     bc_interval_mixed: int = 500
@@ -86,12 +89,17 @@ class LearningConfig:
     disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
     def __post_init__(self) -> None:
-        for name in ("imitation_steps", "buffer_capacity", *INTERVALS):
+        for name in ("imitation_steps", "n_envs", "buffer_capacity", *INTERVALS):
             if getattr(self, name) < 1:
                 raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
         for name in ("mixed_steps", "critic_steps"):
             if getattr(self, name) < 0:
                 raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        for name, steps in (("mixed_steps", self.mixed_steps), ("ppo.n_steps", self.ppo.n_steps)):
+            if steps % self.n_envs:
+                raise ValueError(
+                    f"`{name}` must be a multiple of n_envs {self.n_envs}. Got {steps}."
+                )
         if self.held_out_every < 2:
             raise ValueError(f"`held_out_every` must be at least 2. Got {self.held_out_every}.")
         if not 0 <= self.first_seed < 2**31:

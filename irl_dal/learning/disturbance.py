@@ -63,10 +63,6 @@ class Disturbance:
     def __init__(self, config: DisturbanceConfig, rng: np.random.Generator) -> None:
         self._config = config
         self._rng = rng
-        self.reset()
-
-    def reset(self) -> None:
-        """Begin an episode calmly."""
         self._left = 0
         self._offset: Array = np.zeros(2)
 

@@ -20,7 +20,7 @@ which neither pays nor costs. Time limits are bootstrapped with the critic, by s
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Literal, get_args
@@ -33,7 +33,14 @@ from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 
 from expert.modes import Mode
 
-__all__ = ["End", "HybridReward", "HybridRewardConfig", "HybridRolloutBuffer", "StepOutcome"]
+__all__ = [
+    "End",
+    "HybridReward",
+    "HybridRewardConfig",
+    "HybridRolloutBuffer",
+    "StepOutcome",
+    "flat",
+]
 
 Array = NDArray[np.float32]
 Appraise = Callable[[dict[str, NDArray[Any]], Array], tuple[Array, Array]]
@@ -104,7 +111,7 @@ class HybridRewardConfig:
 
 @dataclass(frozen=True, slots=True)
 class StepOutcome:
-    """What the rollout buffer must know of a step beside stable-baselines3's five things.
+    """What the rollout buffer must know of a car's step beside stable-baselines3's five things.
 
     Attributes:
         env_reward: r_env.
@@ -148,7 +155,7 @@ class HybridReward:
         return -1.0 if self.config.form == "centred" else self.config.r_min
 
     def imitation_reward(self, expert_logit: Array) -> Array:
-        """r_irl (N,) for logits (N,)."""
+        """r_irl for logits of any shape."""
         config = self.config
         if config.form == "centred":
             return np.clip(expert_logit / config.logit_scale, -1.0, 1.0).astype(np.float32)
@@ -157,8 +164,8 @@ class HybridReward:
         return np.clip(printed, config.r_min, config.r_max).astype(np.float32)
 
     def continuation(self, ends: NDArray[np.int8], imitation: Array) -> Array:
-        """What r_irl is worth after each step (N,): zero except where an episode ends for good."""
-        if not self.config.absorbing or not len(imitation):
+        """What r_irl is worth after each step: zero except where an episode ends for good."""
+        if not self.config.absorbing or not imitation.size:
             return np.zeros_like(imitation)
         for_ever = self.gamma / (1.0 - self.gamma)
         after = np.where(ends == End.FAILURE, self.worst, float(imitation.mean())) * for_ever
@@ -166,7 +173,7 @@ class HybridReward:
         return np.where(ended, after, 0.0).astype(np.float32)
 
     def mix(self, env: Array, imitation: Array, ends: NDArray[np.int8], correction: Array) -> Array:
-        """Eq. hybrid_reward (N,), scaled; `correction` (N,) is the squared change of the action."""
+        """Eq. hybrid_reward, scaled; `correction` is the squared change of the action."""
         config = self.config
         imitated = imitation + self.continuation(ends, imitation)
         mixed = config.w_env * env + config.w_irl * imitated
@@ -174,7 +181,7 @@ class HybridReward:
 
 
 class HybridRolloutBuffer(DictRolloutBuffer):
-    """stable-baselines3's rollout buffer (one environment) with the mixed reward.
+    """stable-baselines3's rollout buffer with the mixed reward: T steps of each of E cars.
 
     `annotate` must be called before each `add`, that is from a callback's `on_step`. Rewards are
     mixed in one batch when the rollout is complete, before returns and advantages are computed.
@@ -203,41 +210,27 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         self.hybrid = hybrid
         self.rng = rng
         self.appraise = appraise
-        self._outcome: StepOutcome | None = None
+        self._outcomes: Sequence[StepOutcome] = ()
         super().__init__(*args, **arguments)
-        if self.n_envs != 1:
-            raise ValueError(f"`n_envs` must be 1. Got {self.n_envs}.")
 
     def reset(self) -> None:
         """Forget the rollout."""
         super().reset()
-        size = self.buffer_size
-        self.env_rewards = np.zeros(size, np.float32)
-        self.imitation_rewards = np.zeros(size, np.float32)
-        self.bootstraps = np.zeros(size, np.float32)
-        self.executed_actions = np.zeros((size, 2), np.float32)
-        self.drawn_actions = np.zeros((size, 2), np.float32)
-        self.ends = np.zeros(size, np.int8)
-        self.modes = np.zeros(size, np.int8)
+        shape = (self.buffer_size, self.n_envs)
+        self.env_rewards = np.zeros(shape, np.float32)
+        self.imitation_rewards = np.zeros(shape, np.float32)
+        self.bootstraps = np.zeros(shape, np.float32)
+        self.executed_actions = np.zeros((*shape, 2), np.float32)
+        self.drawn_actions = np.zeros((*shape, 2), np.float32)
+        self.ends = np.zeros(shape, np.int8)
+        self.modes = np.zeros(shape, np.int8)
 
-    def annotate(self, outcome: StepOutcome) -> None:
-        """Say what the next `add` is about."""
-        self._outcome = outcome
+    def annotate(self, outcomes: Sequence[StepOutcome]) -> None:
+        """Say what the next `add` is about, car by car."""
+        self._outcomes = outcomes
 
-    def add(self, *args: Any, **kwargs: Any) -> None:
-        """Store a step: (observation, action, reward, episode_start, value, log_prob).
-
-        Raises:
-            RuntimeError: If the step was not annotated.
-        """
-        if self._outcome is None:
-            raise RuntimeError("`annotate` must be called before each `add`.")
-        self._store(self._outcome, *args, **kwargs)
-        self._outcome = None
-
-    def _store(
+    def add(  # type: ignore[override]  # as in stable-baselines3's own dictionary buffer
         self,
-        outcome: StepOutcome,
         obs: dict[str, NDArray[Any]],
         action: NDArray[Any],
         reward: NDArray[Any],
@@ -245,46 +238,62 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         value: torch.Tensor,
         log_prob: torch.Tensor,
     ) -> None:
+        """Store a step of every car.
+
+        Raises:
+            RuntimeError: If the step was not annotated.
+        """
+        if len(self._outcomes) != self.n_envs:
+            raise RuntimeError("`annotate` must be called before each `add`.")
+        action = np.array(action, np.float32).reshape(self.n_envs, 2)
+        log_prob = log_prob.clone()
         place = self.pos
-        self.drawn_actions[place] = np.clip(np.reshape(action, 2), -1.0, 1.0)
-        if outcome.stored_action is not None:
-            action = outcome.stored_action[0].reshape(1, 2)
-            log_prob = torch.full_like(log_prob, outcome.stored_action[1])
-        # What stable-baselines3 added at a time limit: gamma V(last observation), in critic units.
-        self.bootstraps[place] = float(reward[0]) - np.float32(outcome.env_reward)
-        if outcome.end is not End.TIME_LIMIT:
-            self.bootstraps[place] = 0.0
-        self.env_rewards[place] = outcome.env_reward
-        self.executed_actions[place] = outcome.executed_action
-        self.ends[place] = outcome.end
-        self.modes[place] = outcome.mode
+        self.drawn_actions[place] = np.clip(action, -1.0, 1.0)
+        for car, outcome in enumerate(self._outcomes):
+            if outcome.stored_action is not None:
+                action[car], log_prob[car] = outcome.stored_action
+            # What stable-baselines3 added at a time limit: gamma V(last observation), in critic
+            # units.
+            if outcome.end is End.TIME_LIMIT:
+                self.bootstraps[place, car] = float(reward[car]) - np.float32(outcome.env_reward)
+            self.env_rewards[place, car] = outcome.env_reward
+            self.executed_actions[place, car] = outcome.executed_action
+            self.ends[place, car] = outcome.end
+            self.modes[place, car] = outcome.mode
+        self._outcomes = ()
         super().add(obs, action, reward, episode_start, value, log_prob)
+
+    def seen(self) -> dict[str, NDArray[Any]]:
+        """Observations of the complete rollout (T E, ...), before it is sampled."""
+        return {key: flat(values) for key, values in self.observations.items()}
 
     def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: NDArray[Any]) -> None:
         """Mix the rewards, then GAE."""
-        observations = {key: values[:, 0] for key, values in self.observations.items()}
-        logits = self.hybrid.judge(observations, self.executed_actions)
+        shape = (self.buffer_size, self.n_envs)
+        observations = self.seen()
+        logits = self.hybrid.judge(observations, flat(self.executed_actions))
         if logits is not None:
-            self.imitation_rewards = self.hybrid.imitation_reward(logits)
-        correction = np.square(self.executed_actions - self.drawn_actions).sum(axis=1)
+            self.imitation_rewards = self.hybrid.imitation_reward(logits).reshape(shape)
+        correction = np.square(self.executed_actions - self.drawn_actions).sum(axis=-1)
         mixed = self.hybrid.mix(
             self.env_rewards,
             self.imitation_rewards,
             self.ends if logits is not None else np.zeros_like(self.ends),
             correction,
         )
-        self.rewards[:, 0] = mixed + self.bootstraps
+        self.rewards[:] = mixed + self.bootstraps
         weights = self._renew(observations)
         super().compute_returns_and_advantage(last_values, dones)
-        self.advantages[:, 0] *= weights
+        self.advantages *= weights
 
     def _renew(self, observations: dict[str, NDArray[Any]]) -> Array:
-        """Renew values and log-probabilities; gives the weights of the advantages (N,)."""
+        """Renew values and log-probabilities; gives the weights of the advantages (T, E)."""
+        shape = (self.buffer_size, self.n_envs)
         if self.appraise is None:
-            return np.ones(self.buffer_size, np.float32)
-        values, log_probs = self.appraise(observations, self.actions[:, 0])
-        weights = np.exp(np.minimum(log_probs - self.log_probs[:, 0], 0.0))
-        self.values[:, 0], self.log_probs[:, 0] = values, log_probs
+            return np.ones(shape, np.float32)
+        values, log_probs = self.appraise(observations, flat(self.actions))
+        weights = np.exp(np.minimum(log_probs.reshape(shape) - self.log_probs, 0.0))
+        self.values[:], self.log_probs[:] = values.reshape(shape), log_probs.reshape(shape)
         return weights.astype(np.float32)
 
     def get(  # type: ignore[override]  # as in stable-baselines3's own dictionary buffer
@@ -292,13 +301,18 @@ class HybridRolloutBuffer(DictRolloutBuffer):
     ) -> Generator[DictRolloutBufferSamples, None, None]:
         """Minibatches in an order drawn from `rng`."""
         assert self.full, "a rollout is sampled when it is complete"
-        order = self.rng.permutation(self.buffer_size)
+        order = self.rng.permutation(self.buffer_size * self.n_envs)
         if not self.generator_ready:
             for key, values in self.observations.items():
                 self.observations[key] = self.swap_and_flatten(values)
             for name in ("actions", "values", "log_probs", "advantages", "returns"):
                 self.__dict__[name] = self.swap_and_flatten(self.__dict__[name])
             self.generator_ready = True
-        size = batch_size or self.buffer_size
-        for start in range(0, self.buffer_size, size):
+        size = batch_size or len(order)
+        for start in range(0, len(order), size):
             yield self._get_samples(order[start : start + size])
+
+
+def flat(values: NDArray[Any]) -> NDArray[Any]:
+    """(T, E, ...) as (T E, ...)."""
+    return values.reshape(-1, *values.shape[2:])

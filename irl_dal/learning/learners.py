@@ -12,7 +12,7 @@ from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
+from irl_dal.learning.hybrid_reward import HybridRolloutBuffer, flat
 from irl_dal.learning.policy import observation_tensors
 from irl_dal.learning.ppo import DrivingPPO, driving_policy
 from irl_dal.threads import GRADIENT_THREADS, threads
@@ -138,12 +138,14 @@ class Learners:
         return observation_tensors(batch, "cpu"), torch.from_numpy(batch.commands)
 
     def _agent_pairs(self, buffer: HybridRolloutBuffer) -> tuple[dict[str, Tensor], Tensor]:
-        size = min(self.config.discriminator.samples, buffer.pos)
-        modes = buffer.modes[: buffer.pos]
+        modes = flat(buffer.modes[: buffer.pos])
+        size = min(self.config.discriminator.samples, len(modes))
         # Both sides alike: otherwise the modes alone tell them apart, whatever the actions.
         rows = _evenly(self._rng, modes if self.config.balanced else 0 * modes, size)
-        observations = {key: values[rows, 0] for key, values in buffer.observations.items()}
-        return _tensors(observations), torch.from_numpy(buffer.executed_actions[rows])
+        observations = {
+            k: flat(values[: buffer.pos])[rows] for k, values in buffer.observations.items()
+        }
+        return _tensors(observations), torch.from_numpy(flat(buffer.executed_actions)[rows])
 
 
 def _evenly(rng: np.random.Generator, modes: NDArray[np.int8], size: int) -> NDArray[np.int64]:

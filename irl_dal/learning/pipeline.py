@@ -2,18 +2,19 @@
 
 | line of Algorithm 1 | here |
 |---|---|
-| Observe o_t, a_t^* = FSM(o_t), execute, store | `Recorder.step_expert` |
+| Observe o_t, a_t^* = FSM(o_t), execute, store | `demonstrations`, `Recorder.take` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts`, `ControlLoop.step` |
+| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts`, `Driver.step` |
 | r_irl, r_t | `HybridRolloutBuffer.compute_returns_and_advantage` |
-| Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.step` |
+| Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
 | should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
 | Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
 
-"t mod T = 0" is read as "after every T-th step". The last PPO update may have fewer steps than the
-others, so that the run ends at N_total exactly.
+Several cars drive beside each other, and t counts the steps of all of them. "t mod T = 0" is read
+as "after every T-th step", in phase 2 as soon as every car has driven its step. The last PPO update
+may have fewer steps than the others, so that the run ends at N_total exactly.
 """
 
 from __future__ import annotations
@@ -24,16 +25,19 @@ from typing import Any
 
 import numpy as np
 import torch
+from gymnasium import spaces
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import VecEnv
 
 from expert.replay import ReplayBuffer
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.critic import warm_start_critic
+from irl_dal.learning.demonstrations import demonstrations, in_processes
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.disturbance import Disturbance
+from irl_dal.learning.driver import DrivenStep
 from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import HybridReward, HybridRolloutBuffer, StepOutcome
 from irl_dal.learning.learners import Learners
@@ -43,20 +47,19 @@ from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.recorder import Recorder
 from irl_dal.learning.run_log import RunLog
-from irl_dal.loop import ControlLoop
 from irl_dal.perception import PerceptionConfig
+from irl_dal.planner import DiffusionPlanner
+from irl_dal.threads import GRADIENT_THREADS
 
 __all__ = ["Pipeline"]
 
 STREAMS = (
-    "episodes",
     "policy",
     "replay",
     "rollout",
     "discriminator",
     "diffusion",
     "critic",
-    "disturbance",
 )
 """Independent random streams that the seed is split into."""
 
@@ -69,7 +72,8 @@ class Pipeline:
 
     Args:
         config: Schedule and sizes.
-        loop: The control loop; its planner, if it has one, is trained.
+        drivers: The cars, each a `Driver`.
+        planner: Is trained, and its weights handed on to the cars' own planners; None without one.
         perception: Of the policy.
         run_dir: Where metrics and checkpoints go.
         seed: Everything random in learning is drawn from streams of this seed. The planner has a
@@ -80,7 +84,8 @@ class Pipeline:
         device: Where policy and discriminator are.
 
     Attributes:
-        step: Environment steps so far.
+        step: Environment steps so far, of all cars together.
+        drivers: The cars.
         replay: D_s.
         correction: Experience correction and its count.
         recorder: Counts what happens.
@@ -91,7 +96,8 @@ class Pipeline:
     def __init__(
         self,
         config: LearningConfig,
-        loop: ControlLoop,
+        drivers: VecEnv,
+        planner: DiffusionPlanner | None,
         *,
         perception: PerceptionConfig,
         run_dir: Path,
@@ -105,16 +111,10 @@ class Pipeline:
         self.correction = ExperienceCorrection(config.saec)
         seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
         self._rng = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
-        self._planner = loop.supervision.planner
-        self.replay = _new_replay(config, loop)
-        self.recorder = Recorder(
-            loop,
-            self.replay,
-            self.correction,
-            self._rng["episodes"],
-            config.first_seed,
-            Disturbance(config.disturbance, self._rng["disturbance"]),
-        )
+        self.drivers = drivers
+        self._planner = planner
+        self.replay = _new_replay(config, drivers, planner)
+        self.recorder = Recorder(self.replay, self.correction, config.n_envs)
         self.hybrid = HybridReward(config.reward, config.ppo.gamma, self._judge)
         self.learners = self._build(perception, device)
         self.log = RunLog(run_dir, self.recorder, observers)
@@ -159,7 +159,7 @@ class Pipeline:
         return folder
 
     def restore(self) -> None:
-        """Go on from the newest checkpoint in the run folder; the next episode is a new one.
+        """Go on from the newest checkpoint in the run folder; every car begins a new episode.
 
         Raises:
             CheckpointError: If there is none that can be used.
@@ -178,31 +178,44 @@ class Pipeline:
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
             what = str(error).splitlines()[0]
             raise CheckpointError(f"{checkpoint.folder}: does not fit this run ({what})") from None
+        for place, episode in enumerate(self.recorder.upcoming):
+            self.drivers.env_method("begin_at", episode, indices=[place])
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def mixed_step(self, observation: dict[str, torch.Tensor]) -> None:
-        """After each step of phase 2, before PPO stores it.
+    def mixed_step(
+        self, observations: dict[str, torch.Tensor], driven: Sequence[DrivenStep]
+    ) -> None:
+        """After each step of all cars in phase 2, before PPO stores it.
 
         Args:
-            observation: What the policy acted upon, batched (1, ...).
+            observations: What the policy acted upon, batched.
+            driven: What came of it, car by car.
         """
-        buffer, last = self.learners.ppo.rollout_buffer, self.recorder.last
-        assert isinstance(buffer, HybridRolloutBuffer) and last is not None
-        stored = None
-        if self.correction.replaces(last.intervened):
-            stored = self.correction.expert_draw(self.policy, observation, last.label)
-        buffer.annotate(StepOutcome(last.reward, last.executed_action, last.end, last.mode, stored))
-        self._advance()
+        buffer = self.learners.ppo.rollout_buffer
+        assert isinstance(buffer, HybridRolloutBuffer)
+        outcomes = []
+        for car, step in enumerate(driven):
+            self.recorder.take(step)
+            seen = {key: values[car : car + 1] for key, values in observations.items()}
+            outcomes.append(self._outcome(seen, step))
+            self._advance()
+        buffer.annotate(outcomes)
         # What is due after the very last step comes after PPO's last update, in `_finish`.
         if self.step < self.config.total_steps:
             self._mixed_updates()
             self._log_if_due(phase=2)
 
+    def _outcome(self, seen: dict[str, torch.Tensor], driven: DrivenStep) -> StepOutcome:
+        step, stored = driven.transition, None
+        if self.correction.replaces(step.intervened):
+            stored = self.correction.expert_draw(self.policy, seen, step.label)
+        return StepOutcome(step.reward, step.command, driven.end, step.mode, stored)
+
     def _build(self, perception: PerceptionConfig, device: str) -> Learners:
         config, rng = self.config, self._rng
         ppo = build_ppo(
-            self.recorder,
+            self.drivers,
             config.ppo,
             perception,
             rng=rng["policy"],
@@ -243,22 +256,23 @@ class Pipeline:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
         log.begin("imitation", self.step, config.imitation_steps)
-        self.recorder.reset()
+        # The other cores are taken while the expert drives ahead.
+        learners.threads = 1 if in_processes(self.drivers) else GRADIENT_THREADS
+        steps = demonstrations(self.drivers, config.imitation_steps - self.step)
         while self.step < config.imitation_steps:
             with log.timed("driving"):
-                _, _, terminated, truncated, _ = self.recorder.step_expert()
-                if terminated or truncated:
-                    self.recorder.reset()
+                self.recorder.take(next(steps))
             self._advance()
-            if self.step % config.bc_interval_imitation == 0:
+            if self._due(config.bc_interval_imitation):
                 with log.timed("bc"):
                     learners.clone(config.cloning.steps_imitation)
-            if self.step % config.diffusion_interval == 0:
+            if self._due(config.diffusion_interval):
                 with log.timed("planner"):
                     learners.train_planner(config.diffusion.steps_imitation)
             self._log_if_due(phase=1)
-            if self.step % config.checkpoint_interval == 0:
+            if self._due(config.checkpoint_interval):
                 self.save()
+        learners.threads = GRADIENT_THREADS
 
     def _refine(self) -> None:
         """Phase 2: the policy drives, one PPO update at a time."""
@@ -267,11 +281,13 @@ class Pipeline:
         if not self._critic_ready:
             self._warm_start()
             self.save()
+        self._hand_on_planner()
         while self.step < config.total_steps:
-            self._resize_rollout(min(config.ppo.n_steps, config.total_steps - self.step))
+            size = min(config.ppo.n_steps, config.total_steps - self.step)
+            self._resize_rollout(size // config.n_envs)
             ppo.num_timesteps = self.step
             callback = MixedPhase(self.mixed_step)
-            ppo.learn(ppo.n_steps, callback, log_interval=NEVER, reset_num_timesteps=False)
+            ppo.learn(size, callback, log_interval=NEVER, reset_num_timesteps=False)
             self.log.add_time("ppo", callback.since_rollout())
             if self.step < config.total_steps:
                 self.save()
@@ -286,17 +302,29 @@ class Pipeline:
 
     def _mixed_updates(self) -> None:
         config, learners, log = self.config, self.learners, self.log
-        if self.step % config.sync_interval == 0:
+        if self._due(config.sync_interval):
             learners.sync_features()
-        if self.step % config.discriminator_interval == 0 and config.reward.w_irl > 0.0:
+        if self._due(config.discriminator_interval) and config.reward.w_irl > 0.0:
             with log.timed("discriminator"):
                 learners.train_discriminator()
-        if config.planner_in_mixed and self.step % config.diffusion_interval == 0:
+        if config.planner_in_mixed and self._due(config.diffusion_interval):
             with log.timed("planner"):
                 learners.train_planner(config.diffusion.steps_mixed)
-        if self.step % config.bc_interval_mixed == 0:
+                self._hand_on_planner()
+        if self._due(config.bc_interval_mixed):
             with log.timed("bc"):
                 learners.clone(config.cloning.steps_mixed)
+
+    def _hand_on_planner(self) -> None:
+        """Let the cars plan with the newest weights."""
+        if self._planner is not None:
+            weights = self._planner.denoiser.state_dict()
+            self.drivers.env_method("load_planner", {k: v.numpy() for k, v in weights.items()})
+
+    def _due(self, interval: int) -> bool:
+        """Whether the newest steps, one in phase 1 and one of each car in phase 2, complete one."""
+        newest = 1 if self.step <= self.config.imitation_steps else self.config.n_envs
+        return self.step % interval < newest
 
     def _warm_start(self) -> None:
         with self.log.timed("critic"):
@@ -321,6 +349,7 @@ class Pipeline:
             ppo.observation_space,
             ppo.action_space,
             device=ppo.device,
+            n_envs=ppo.n_envs,
             gamma=config.gamma,
             gae_lambda=config.gae_lambda,
             **self._buffer_arguments(),
@@ -332,8 +361,7 @@ class Pipeline:
 
     def _log_if_due(self, phase: int) -> None:
         # The last row of a run is written by `_finish`.
-        due = self.step % self.config.log_interval == 0
-        if due and self.step < self.config.total_steps:
+        if self._due(self.config.log_interval) and self.step < self.config.total_steps:
             self._log(phase)
 
     def _log(self, phase: int) -> None:
@@ -383,12 +411,16 @@ class Pipeline:
         self.log.seconds = dict(state["seconds"])
 
 
-def _new_replay(config: LearningConfig, loop: ControlLoop) -> ReplayBuffer:
-    planner, city = loop.supervision.planner, loop.city.config
+def _new_replay(
+    config: LearningConfig, drivers: VecEnv, planner: DiffusionPlanner | None
+) -> ReplayBuffer:
+    seen = drivers.observation_space
+    assert isinstance(seen, spaces.Dict)
+    (height, width, colours), (beams,) = seen["image"].shape, seen["lidar"].shape  # type: ignore[misc]
     return ReplayBuffer(
         config.buffer_capacity,
         horizon=1 if planner is None else planner.config.horizon,
-        image_shape=(city.image_size, city.image_size, 3),
-        beams=city.lidar_beams,
+        image_shape=(height, width, colours),
+        beams=beams,
         held_out_every=config.held_out_every,
     )

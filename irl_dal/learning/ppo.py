@@ -18,10 +18,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
 from stable_baselines3 import PPO
+from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
 from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
@@ -97,16 +97,18 @@ class DrivingPPO(PPO):
         """Put features into the place of the rollout's images, which no epoch needs again."""
         buffer = self.rollout_buffer
         assert isinstance(buffer, HybridRolloutBuffer)
-        seen = policy.perceive({key: values[:, 0] for key, values in buffer.observations.items()})
-        buffer.observations = {key: values[:, None] for key, values in seen.items()}
+        shape = (buffer.buffer_size, buffer.n_envs)
+        seen = policy.perceive(buffer.seen())
+        buffer.observations = {k: v.reshape(*shape, *v.shape[1:]) for k, v in seen.items()}
 
     def _some_observations(self) -> dict[str, Tensor]:
         buffer = self.rollout_buffer
         assert isinstance(buffer, HybridRolloutBuffer)
-        rows = np.linspace(0, buffer.buffer_size - 1, min(SAMPLES, buffer.buffer_size)).astype(int)
+        steps = buffer.buffer_size * buffer.n_envs
+        rows = np.linspace(0, steps - 1, min(SAMPLES, steps)).astype(int)
         return {
-            key: torch.from_numpy(values[rows, 0]).to(self.device)
-            for key, values in buffer.observations.items()
+            key: torch.from_numpy(values[rows]).to(self.device)
+            for key, values in buffer.seen().items()
         }
 
 
@@ -129,7 +131,7 @@ def driving_policy(ppo: PPO) -> DrivingPolicy:
 
 
 def build_ppo(
-    env: gymnasium.Env[Any, Any],
+    env: VecEnv,
     config: PPOConfig,
     perception: PerceptionConfig,
     *,
@@ -137,7 +139,16 @@ def build_ppo(
     buffer_arguments: Mapping[str, Any],
     device: str = "cpu",
 ) -> DrivingPPO:
-    """PPO around our policy and rollout buffer, initialised from `rng`."""
+    """PPO around our policy and rollout buffer, initialised from `rng`.
+
+    Args:
+        env: The cars, which share `n_steps` of the configuration evenly.
+        config: Of the update.
+        perception: Of the policy.
+        rng: Source of the first weights and of the exploration noise.
+        buffer_arguments: Of `HybridRolloutBuffer`.
+        device: Where the policy is.
+    """
     # The networks draw their first weights from torch's global generator: lend it a seed of ours.
     with torch.random.fork_rng():
         torch.manual_seed(int(rng.integers(2**63)))
@@ -145,7 +156,7 @@ def build_ppo(
             DrivingPolicy,
             env,
             learning_rate=config.learning_rate,
-            n_steps=config.n_steps,
+            n_steps=config.n_steps // env.num_envs,
             batch_size=config.batch_size,
             n_epochs=config.n_epochs,
             gamma=config.gamma,

@@ -26,14 +26,15 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 from stable_baselines3.common.logger import Logger
 
+from irl_dal.learning.counts import Counts
 from irl_dal.learning.metrics import metrics_logger
 from irl_dal.learning.progress import Observer
-from irl_dal.learning.recorder import Counts, Recorder
+from irl_dal.learning.recorder import Recorder
 
 __all__ = ["RunLog"]
 
@@ -62,7 +63,7 @@ class RunLog:
     def open(self, step: int) -> Logger:
         """Go on writing after `step`; gives the logger that PPO and the learners record into."""
         self._logger = metrics_logger(self._run_dir, step)
-        self._counts = replace(self._recorder.counts)
+        self._counts = self._recorder.counts
         self._row_at = time.monotonic()
         self._started = self._row_at - self.seconds["total"]
         return self._logger
@@ -105,12 +106,12 @@ class RunLog:
             self._logger.record(name, value)
         written = dict(self._logger.name_to_value)
         self._logger.dump(step)
-        self._counts, self._row_at = replace(self._recorder.counts), now
+        self._counts, self._row_at = self._recorder.counts, now
         for observer in self._observers:
             observer.metrics(step, written)
 
     def _rates(self, phase: int, now: float) -> dict[str, float]:
-        added = self._recorder.counts.minus(self._counts)
+        added = self._recorder.counts - self._counts
         steps = max(added.steps, 1)
         rates = {
             "time/steps_per_second": added.steps / max(now - self._row_at, 1e-9),

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import torch
+from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
 
 from expert import ExpertConfig, FSMExpert
 from irl_dal.envs import CityConfig, CityEnv
@@ -15,6 +18,7 @@ from irl_dal.learning import (
     CloningConfig,
     DiffusionTrainingConfig,
     DiscriminatorConfig,
+    Driver,
     LearningConfig,
     Pipeline,
     PPOConfig,
@@ -43,22 +47,44 @@ SHORT = LearningConfig(
     ),
     discriminator=DiscriminatorConfig(steps=5, batch_size=16, samples=32),
 )
-"""Every part of Algorithm 1 at least twice; the last rollout has 16 steps."""
+"""Every part of Algorithm 1 at least twice; the last rollout has 16 steps, 8 of each car."""
 
 
-def new_loop(seed: int = 0, **supervision: Any) -> ControlLoop:
-    """City, expert, small planner, shield; no deadline for plans, so that runs repeat."""
-    limits = ActuatorLimits()
+def new_planner(seed: int = 0) -> DiffusionPlanner:
+    """A small one, without a deadline for plans, so that runs repeat."""
     config = PlannerConfig(
         denoiser=DenoiserConfig(width=16, embedding=16, condition=32),
         sampling_steps=2,
         deadline=60.0,
     )
-    planner = DiffusionPlanner(config, limits, generator=torch.Generator().manual_seed(seed))
+    generator = torch.Generator().manual_seed(seed)
+    return DiffusionPlanner(config, ActuatorLimits(), generator=generator)
+
+
+def new_loop(**supervision: Any) -> ControlLoop:
+    """City, expert, small planner, shield."""
+    limits, planner = ActuatorLimits(), new_planner()
     watch = Supervision(planner=planner, blend=planner.blend, safety_filter=SafetyFilter(limits))
     city = CityEnv(CityConfig(time_limit=6.0), limits)
     expert = FSMExpert(ExpertConfig(), limits)
     return ControlLoop(city, expert, replace(watch, **supervision), TriggerConfig())
+
+
+def new_driver(
+    config: LearningConfig = SHORT, place: int = 0, seed: int = 0, **supervision: Any
+) -> Driver:
+    """One of a run's cars."""
+    return Driver(new_loop(**supervision), config, np.random.SeedSequence(seed), place)
+
+
+def new_drivers(
+    config: LearningConfig = SHORT, seed: int = 0, *, processes: bool = False, **supervision: Any
+) -> VecEnv:
+    """All of them."""
+    cars = [
+        partial(new_driver, config, place, seed, **supervision) for place in range(config.n_envs)
+    ]
+    return SubprocVecEnv(cars) if processes else DummyVecEnv(cars)  # type: ignore[arg-type]
 
 
 def new_pipeline(
@@ -66,13 +92,15 @@ def new_pipeline(
     config: LearningConfig = SHORT,
     *,
     seed: int = 0,
-    loop: ControlLoop | None = None,
+    drivers: VecEnv | None = None,
+    planner: bool = True,
     **arguments: Any,
 ) -> Pipeline:
-    """A pipeline of its own seed on a loop of the same seed."""
+    """A pipeline of its own seed on cars of the same seed."""
     return Pipeline(
         config,
-        loop or new_loop(seed),
+        drivers or new_drivers(config, seed),
+        new_planner(seed) if planner else None,
         perception=PerceptionConfig(),
         run_dir=run_dir,
         seed=seed,

@@ -49,7 +49,7 @@ def filled_buffer(
     for step, outcome in enumerate(outcomes):
         seen = {key: value[None] for key, value in observation(rng).items()}
         given_reward = outcome.env_reward + (bootstraps or {}).get(step, 0.0)
-        buffer.annotate(outcome)
+        buffer.annotate([outcome])
         buffer.add(
             seen,
             np.zeros((1, 2), np.float32),
@@ -96,8 +96,8 @@ def test_advantages_agree_with_an_independent_recomputation() -> None:
         assert buffer.advantages[t, 0] == pytest.approx(direct, rel=1e-4, abs=1e-4)
         assert buffer.returns[t, 0] == pytest.approx(direct + values[t], rel=1e-4, abs=1e-4)
     assert buffer.rewards[:, 0] == pytest.approx(mixed, rel=1e-5, abs=1e-5)
-    assert buffer.env_rewards == pytest.approx(env, rel=1e-6)
-    assert buffer.imitation_rewards == pytest.approx(imitation, rel=1e-6)
+    assert buffer.env_rewards[:, 0] == pytest.approx(env, rel=1e-6)
+    assert buffer.imitation_rewards[:, 0] == pytest.approx(imitation, rel=1e-6)
 
 
 @given(st.floats(-200.0, 200.0))
@@ -220,6 +220,55 @@ def test_minibatches_cover_the_rollout_in_an_order_from_the_given_generator() ->
     assert orders[0] == orders[1]
     assert orders[0] != sorted(orders[0])
     assert sorted(orders[0]) == list(range(10))
+
+
+def test_each_car_has_its_own_returns_and_its_own_ends() -> None:
+    """Two cars in one buffer are two buffers of one car each, the mean of r_irl apart."""
+    rng = np.random.default_rng(3)
+    ends = {(2, 0): End.FAILURE, (4, 1): End.TIME_LIMIT}
+    env, logits = rng.normal(size=(6, 2)), rng.normal(scale=3.0, size=(6, 2)).astype(np.float32)
+    values = rng.normal(size=(6, 2)).astype(np.float32)
+    executed = rng.uniform(-1.0, 1.0, (6, 2)).astype(np.float32)
+    steps = [
+        [outcome(env[t, car], ends.get((t, car), End.GOES_ON), executed[t, car]) for car in (0, 1)]
+        for t in range(6)
+    ]
+
+    def buffer_of(cars: list[int]) -> HybridRolloutBuffer:
+        buffer = HybridRolloutBuffer(
+            6,
+            OBSERVATION_SPACE,
+            ACTION_SPACE,
+            n_envs=len(cars),
+            gae_lambda=LAMBDA,
+            gamma=GAMMA,
+            hybrid=hybrid(logits[:, cars].reshape(-1), correction_penalty=0.5),
+            rng=np.random.default_rng(0),
+        )
+        starts = np.ones(len(cars), np.bool_)
+        for t in range(6):
+            seen = observation(np.random.default_rng(t))
+            buffer.annotate([steps[t][car] for car in cars])
+            buffer.add(
+                {key: np.stack([value] * len(cars)) for key, value in seen.items()},
+                np.zeros((len(cars), 2), np.float32),
+                env[t, cars].astype(np.float32),
+                starts,
+                torch.from_numpy(values[t, cars]),
+                torch.full((len(cars),), -1.0),
+            )
+            starts = np.array([steps[t][car].end is not End.GOES_ON for car in cars])
+        buffer.compute_returns_and_advantage(torch.zeros(len(cars), 1), starts)
+        return buffer
+
+    both = buffer_of([0, 1])
+    for car in (0, 1):
+        alone = buffer_of([car])
+        assert both.returns[:, car] == pytest.approx(alone.returns[:, 0], abs=1e-5)
+        assert both.advantages[:, car] == pytest.approx(alone.advantages[:, 0], abs=1e-5)
+        assert np.array_equal(both.ends[:, car], alone.ends[:, 0])
+    drawn = torch.cat([batch.returns for batch in both.get(4)])
+    assert sorted(drawn.tolist()) == pytest.approx(sorted(both.returns.flatten().tolist()))
 
 
 def test_a_step_without_its_outcome_is_refused() -> None:

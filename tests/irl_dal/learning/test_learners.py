@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 from irl_dal.learning import HybridRolloutBuffer
+from irl_dal.learning.driver import DRIVEN
 from irl_dal.learning.learners import _evenly
-from tests.irl_dal.learning.city import SHORT, new_loop, new_pipeline
+from tests.irl_dal.learning.city import SHORT, new_driver, new_pipeline
 
 
 def test_rows_are_drawn_evenly_over_the_modes_that_occur() -> None:
@@ -31,10 +32,11 @@ def test_the_discriminator_sees_both_sides_in_the_same_mixture_of_modes(
     pipeline.run()
     buffer = pipeline.learners.ppo.rollout_buffer
     assert isinstance(buffer, HybridRolloutBuffer)
-    buffer.modes[:] = [0] * 28 + [2] * 4
-    buffer.executed_actions[:, 0] = buffer.modes
+    buffer.modes[:] = 0
+    buffer.modes[-2:] = 2
+    buffer.executed_actions[..., 0] = buffer.modes
     for key, values in buffer.observations.items():
-        buffer.observations[key] = values[:, None]
+        buffer.observations[key] = values.reshape(16, 2, -1)
     _, actions = pipeline.learners._agent_pairs(buffer)
     share = float((actions[:, 0] == 2.0).float().mean())
     assert share == pytest.approx(0.5 if sampling == "balanced" else 0.125, abs=0.2)
@@ -43,14 +45,13 @@ def test_the_discriminator_sees_both_sides_in_the_same_mixture_of_modes(
 def test_a_part_of_each_cloning_batch_is_corrected_steps(tmp_path: Path) -> None:
     """As soon as there are marks, `corrected_share` of a batch carries them."""
     config = replace(SHORT, imitation_steps=40, mixed_steps=32)
-    pipeline = new_pipeline(tmp_path, config, loop=new_loop(activation="always"))
-    learners, recorder = pipeline.learners, pipeline.recorder
-    recorder.reset()
-    for _ in range(20):
-        recorder.step_expert()
+    pipeline = new_pipeline(tmp_path, config)
+    learners, driver = pipeline.learners, new_driver(activation="always")
+    for driven in driver.demonstrate(20):
+        pipeline.recorder.take(driven)
     assert not learners._cloning_batch().intervened.any()
     for _ in range(2):
-        recorder.step(np.zeros(2, np.float32))
+        pipeline.recorder.take(driver.step(np.zeros(2, np.float32))[4][DRIVEN])
     batch = learners._cloning_batch()
     assert len(batch) == 16
     assert batch.intervened.sum() >= 4

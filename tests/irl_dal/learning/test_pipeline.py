@@ -18,7 +18,7 @@ import torch
 from irl_dal.checkpoint import CheckpointError, CheckpointStore, pack
 from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline
 from irl_dal.learning.metrics import read_metrics
-from tests.irl_dal.learning.city import SHORT, new_loop, new_pipeline
+from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 
 
 class StopError(Exception):
@@ -157,6 +157,19 @@ def test_a_broken_run_goes_on_from_its_last_checkpoint(
     assert steps == [*range(20, 200, 20), 200]
 
 
+def test_cars_in_processes_of_their_own_drive_the_same_run(
+    finished: Pipeline, tmp_path: Path
+) -> None:
+    """The expert ahead of the learners, the policy's two cars side by side: the same weights."""
+    drivers = new_drivers(processes=True)
+    try:
+        pipeline = new_pipeline(tmp_path, drivers=drivers)
+        pipeline.run()
+        assert same(weights(pipeline), weights(finished))
+    finally:
+        drivers.close()
+
+
 def test_resuming_is_deterministic(tmp_path: Path) -> None:
     """Two processes that go on from one checkpoint end with the same weights."""
     with pytest.raises(StopError):
@@ -224,7 +237,7 @@ def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
 def test_experience_correction_in_the_loop(tmp_path: Path, saec: str) -> None:
     """With the planner always on: what the replay buffer and the PPO buffer hold in each form."""
     config = replace(SHORT, imitation_steps=40, mixed_steps=32, saec=saec)  # type: ignore[arg-type]
-    pipeline = new_pipeline(tmp_path, config, loop=new_loop(activation="always"))
+    pipeline = new_pipeline(tmp_path, config, drivers=new_drivers(config, activation="always"))
     pipeline.run()
     marked = 0 if saec == "off" else 32
     assert pipeline.correction.marks == marked
@@ -234,6 +247,7 @@ def test_experience_correction_in_the_loop(tmp_path: Path, saec: str) -> None:
     if saec == "off":
         return
     labels = pipeline.replay.export_since(40)["label"]
+    labels = labels.reshape(16, 2, 2).swapaxes(0, 1).reshape(-1, 2)  # PPO sorts by car
     distance = np.abs(buffer.actions.reshape(-1, 2) - labels).max(axis=1)
     assert np.all(distance == 0.0) if saec == "paper" else np.all(distance > 0.0)
 
@@ -244,8 +258,8 @@ def test_variants_without_planner_or_discriminator_run(tmp_path: Path) -> None:
     config = replace(
         SHORT, imitation_steps=40, mixed_steps=32, sampling="uniform", saec="off", reward=reward
     )
-    loop = new_loop(planner=None, blend=None)
-    pipeline = new_pipeline(tmp_path, config, loop=loop)
+    drivers = new_drivers(config, planner=None, blend=None)
+    pipeline = new_pipeline(tmp_path, config, drivers=drivers, planner=False)
     pipeline.run()
     assert pipeline.learners.diffusion is None
     assert pipeline.recorder.counts.triggers == 0
@@ -287,6 +301,8 @@ def test_a_checkpoint_that_lacks_something_is_refused(tmp_path: Path) -> None:
         ("held_out_every", 1),
         ("first_seed", -1),
         ("log_interval", 0),
+        ("n_envs", 0),
+        ("mixed_steps", 29_999),
     ],
 )
 def test_impossible_values_are_refused(key: str, value: object) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 import torch
 from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import DummyVecEnv
 from torch.distributions import Independent, Normal, kl_divergence
 
 from irl_dal.learning.behaviour_cloning import BehaviourCloning, CloningConfig
@@ -38,7 +39,11 @@ def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
     rng = np.random.default_rng(0)
     buffer_arguments = {"hybrid": hybrid, "rng": rng}
     ppo = build_ppo(
-        Spaces(), config, PerceptionConfig(), rng=rng, buffer_arguments=buffer_arguments
+        DummyVecEnv([Spaces]),
+        config,
+        PerceptionConfig(),
+        rng=rng,
+        buffer_arguments=buffer_arguments,
     )
     ppo.set_logger(Logger(None, []))
     replay = filled_replay(100)
@@ -51,7 +56,7 @@ def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
             action, value, log_prob = ppo.policy({k: torch.from_numpy(v) for k, v in seen.items()})
         drawn = action.numpy()
         reward = float(-10.0 * drawn[0, 0])
-        ppo.rollout_buffer.annotate(StepOutcome(reward, drawn[0], End.GOES_ON))  # type: ignore[attr-defined]
+        ppo.rollout_buffer.annotate([StepOutcome(reward, drawn[0], End.GOES_ON)])  # type: ignore[attr-defined]
         start = np.array([step == 0])
         ppo.rollout_buffer.add(seen, drawn, np.array([reward]), start, value, log_prob)
     ppo.rollout_buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))

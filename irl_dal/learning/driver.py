@@ -1,0 +1,180 @@
+"""One of the cars that a run trains on: drives, and says of every step what is to be known of it.
+
+An episode is drawn from the run's seed and the episode's own number: its place, its traffic, its
+disturbances and the planner's noise. Which process it is driven in, and beside what, makes no
+difference to it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import gymnasium
+import numpy as np
+import torch
+from numpy.typing import NDArray
+
+from expert.modes import Mode
+from expert.replay import Transition
+from irl_dal.learning.config import LearningConfig
+from irl_dal.learning.counts import Counts
+from irl_dal.learning.disturbance import Disturbance
+from irl_dal.learning.hybrid_reward import End
+from irl_dal.loop import ControlLoop, Observation
+from shield import Status
+
+__all__ = ["DRIVEN", "DrivenStep", "Driver"]
+
+DRIVEN = "driven"
+"""Key of the `DrivenStep` in `info`."""
+
+
+@dataclass(frozen=True, slots=True)
+class DrivenStep:
+    """One step, as the driver tells it.
+
+    Attributes:
+        transition: What the replay buffer may keep.
+        end: Whether and how the episode ended.
+        counts: What the step adds to the run's counts.
+        episode_return: Undiscounted environment reward of the episode so far.
+    """
+
+    transition: Transition
+    end: End
+    counts: Counts
+    episode_return: float
+
+
+class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
+    """The control loop of one car, its episodes one after another, with a small `info`.
+
+    The episodes of a run are numbered through; this car drives numbers `place`, `place + n_envs`,
+    and so on. Their seeds begin at `first_seed`, so that evaluations with smaller seeds drive where
+    training never was.
+
+    Args:
+        loop: The control loop; its planner, if it has one, is this car's own.
+        config: Number of cars, seeds and disturbances.
+        seeds: The run's: each episode's random numbers are drawn from a child of it.
+        place: Which of the cars this is.
+    """
+
+    def __init__(
+        self, loop: ControlLoop, config: LearningConfig, seeds: np.random.SeedSequence, place: int
+    ) -> None:
+        super().__init__(loop)
+        self.loop = loop
+        self._config = config
+        self._seeds = seeds
+        self._next = place
+        self._under_way = False
+
+    def begin_at(self, episode: int) -> None:
+        """Number of the episode that begins next."""
+        self._next, self._under_way = episode, False
+
+    def load_planner(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
+        """Plan with these weights of the denoiser from now on."""
+        planner = self.loop.supervision.planner
+        assert planner is not None, "only a run with a planner trains one"
+        planner.load_state_dict({k: torch.from_numpy(v.copy()) for k, v in weights.items()})
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Observation, dict[str, Any]]:
+        """Begin the next episode, in a place of its own or in the one of a given seed."""
+        self._episode, self._next = self._next, self._next + self._config.n_envs
+        key = (*self._seeds.spawn_key, self._episode)
+        rng = np.random.default_rng(np.random.SeedSequence(self._seeds.entropy, spawn_key=key))
+        drawn = int(rng.integers(self._config.first_seed, 2**31))
+        planner = self.loop.supervision.planner
+        if planner is not None:
+            planner.generator.manual_seed(int(rng.integers(2**63)))
+        self._disturbance = Disturbance(self._config.disturbance, rng)
+        self._observation, self._info = self.loop.reset(
+            seed=drawn if seed is None else seed, options=options
+        )
+        self._step, self._return, self._under_way = 0, 0.0, True
+        return self._observation, {}
+
+    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive with the policy's normalised action (2,)."""
+        error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
+        return self._told(self.loop.step(action), disagreement=float(error))
+
+    def step_expert(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """Drive with the expert's command; a disturbed step is not part of a demonstration."""
+        offset = self._disturbance.step()
+        return self._told(self.loop.step_expert(offset), expert_drove=offset is None)
+
+    def demonstrate(self, steps: int) -> list[DrivenStep]:
+        """Let the expert go on for some steps, into new episodes where one ends."""
+        driven = []
+        for _ in range(steps):
+            if not self._under_way:
+                self.reset()
+            *_, info = self.step_expert()
+            driven.append(info[DRIVEN])
+        return driven
+
+    def _told(
+        self,
+        result: tuple[Observation, float, bool, bool, dict[str, Any]],
+        *,
+        expert_drove: bool = False,
+        disagreement: float = 0.0,
+    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
+        """The step with all that is to be known of it in place of the loop's `info`."""
+        observation, reward, terminated, truncated, info = result
+        end = _end(terminated, truncated, bool(info["success"]))
+        transition = Transition(
+            image=self._observation["image"],
+            lidar=self._observation["lidar"],
+            speed=self._observation["speed"],
+            context=self._info["context"].encode(),
+            label=np.asarray(self._info["expert_action"], np.float32),
+            command=np.asarray(info["executed_action"], np.float32),
+            mode=Mode(self._info["mode"]),
+            episode=self._episode,
+            step=self._step,
+            reward=reward,
+            terminated=terminated,
+            intervened=bool(info["triggered"]),
+            expert_drove=expert_drove,
+        )
+        self._return += reward
+        driven = DrivenStep(
+            transition, end, self._counts(reward, info, end, disagreement), self._return
+        )
+        self._observation, self._info = observation, info
+        self._step += 1
+        self._under_way = end is End.GOES_ON
+        return observation, reward, terminated, truncated, {DRIVEN: driven}
+
+    def _counts(self, reward: float, info: dict[str, Any], end: End, disagreement: float) -> Counts:
+        plan, certificate = info["plan"], info["certificate"]
+        commands = info["executed_command"], info["previous_command"]
+        changed = plan is not None and plan.status in (Status.PROJECTED, Status.REPAIRED)
+        return Counts(
+            steps=1,
+            episodes=int(end is not End.GOES_ON),
+            successes=int(end is End.SUCCESS),
+            collisions=int(end is not End.GOES_ON and bool(info["collision"])),
+            triggers=int(info["triggered"]),
+            plans_projected=int(changed),
+            plan_fallbacks=int(plan is not None and plan.status is Status.FALLBACK),
+            shield_corrections=int(certificate is not None and certificate.intervened),
+            command_violations=int(self.loop.limits.violated(*commands)),
+            policy_violations=int(info["nominal_violations"].get("policy", False)),
+            reward=reward,
+            disagreement=disagreement,
+        )
+
+
+def _end(terminated: bool, truncated: bool, success: bool) -> End:
+    if terminated:
+        return End.SUCCESS if success else End.FAILURE
+    return End.TIME_LIMIT if truncated else End.GOES_ON
