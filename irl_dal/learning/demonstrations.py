@@ -6,7 +6,7 @@ The expert drives the same whatever has been learnt, so its cars need not wait f
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Generator, Iterator
+from collections.abc import Generator
 from concurrent.futures import Future, ThreadPoolExecutor
 from itertools import chain, islice
 
@@ -31,11 +31,11 @@ def in_processes(drivers: VecEnv) -> bool:
     return isinstance(drivers.unwrapped, SubprocVecEnv)
 
 
-def demonstrations(drivers: VecEnv, steps: int) -> Iterator[DrivenStep]:
+def demonstrations(drivers: VecEnv, steps: int) -> Generator[DrivenStep, None, None]:
     """So many steps of the expert, the cars in turn.
 
     Cars that have processes of their own drive ahead; those in this process drive when asked. The
-    steps are the same.
+    steps are the same. Whoever stops early closes the generator, and the cars come to rest.
 
     Args:
         drivers: A vector of `Driver`.

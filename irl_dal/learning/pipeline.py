@@ -20,6 +20,7 @@ may have fewer steps than the others, so that the run ends at N_total exactly.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -258,20 +259,20 @@ class Pipeline:
         log.begin("imitation", self.step, config.imitation_steps)
         # The other cores are taken while the expert drives ahead.
         learners.threads = 1 if in_processes(self.drivers) else GRADIENT_THREADS
-        steps = demonstrations(self.drivers, config.imitation_steps - self.step)
-        while self.step < config.imitation_steps:
-            with log.timed("driving"):
-                self.recorder.take(next(steps))
-            self._advance()
-            if self._due(config.bc_interval_imitation):
-                with log.timed("bc"):
-                    learners.clone(config.cloning.steps_imitation)
-            if self._due(config.diffusion_interval):
-                with log.timed("planner"):
-                    learners.train_planner(config.diffusion.steps_imitation)
-            self._log_if_due(phase=1)
-            if self._due(config.checkpoint_interval):
-                self.save()
+        with closing(demonstrations(self.drivers, config.imitation_steps - self.step)) as steps:
+            while self.step < config.imitation_steps:
+                with log.timed("driving"):
+                    self.recorder.take(next(steps))
+                self._advance()
+                if self._due(config.bc_interval_imitation):
+                    with log.timed("bc"):
+                        learners.clone(config.cloning.steps_imitation)
+                if self._due(config.diffusion_interval):
+                    with log.timed("planner"):
+                        learners.train_planner(config.diffusion.steps_imitation)
+                self._log_if_due(phase=1)
+                if self._due(config.checkpoint_interval):
+                    self.save()
         learners.threads = GRADIENT_THREADS
 
     def _refine(self) -> None:

@@ -103,6 +103,24 @@ def test_a_full_buffer_drops_the_oldest_of_the_fullest_partition() -> None:
     assert kept == [*range(10), *range(460, 500)]
 
 
+def test_episodes_may_come_in_turns() -> None:
+    """Stretches and returns are those of each episode, whatever is stored between its steps."""
+    buffer = small_buffer(horizon=3)
+    for step in range(6):
+        for episode in (2, 3):
+            number = 100 * episode + step
+            buffer.add(
+                transition(number, episode=episode, step=step, reward=episode, terminated=step == 5)
+            )
+    _, commands = buffer.chunks(np.random.default_rng(0), 200)
+    stretches = commands[..., 0].astype(int)
+    assert np.all(np.diff(stretches, axis=1) == 1)
+    assert set(stretches[:, 0]) == {200, 201, 202, 203, 300, 301, 302, 303}
+    slots, values = buffer.returns(0.5)
+    of = dict(zip(buffer.gather(slots).labels[:, 0].astype(int), values, strict=True))
+    assert [of[205], of[204], of[303]] == [2.0, 3.0, 5.25]
+
+
 def test_whole_episodes_are_held_out() -> None:
     """One episode in ten is never sampled for training and is all that validation sees."""
     buffer, rng = small_buffer(400), np.random.default_rng(0)
