@@ -117,8 +117,8 @@ def test_the_smoke_preset_is_small_and_still_has_every_part() -> None:
 
 def test_the_command_line_has_the_last_word() -> None:
     """A stated group or value wins against a preset."""
-    config = composed("preset=paper", "variant=shielded", "learning.mixed_steps=7", "seed=3")
-    assert (config.variant, config.learning.mixed_steps, config.seed) == ("shielded", 7, 3)
+    config = composed("preset=paper", "variant=shielded", "learning.mixed_steps=8", "seed=3")
+    assert (config.variant, config.learning.mixed_steps, config.seed) == ("shielded", 8, 3)
 
 
 def test_shared_quantities_are_stated_once() -> None:
