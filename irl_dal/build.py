@@ -12,13 +12,13 @@ import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from expert import FSMExpert
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityEnv
-from irl_dal.learning import Driver, DrivingPolicy, build_policy
+from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
@@ -98,7 +98,7 @@ def build_drivers(config: RunConfig, *, processes: bool) -> VecEnv:
     cars: list[Callable[[], gymnasium.Env[Any, Any]]] = [
         partial(build, config, place) for place in range(config.learning.n_envs)
     ]
-    return SubprocVecEnv(cars) if processes else DummyVecEnv(cars)
+    return DriverProcesses(cars) if processes else DummyVecEnv(cars)
 
 
 def load_run(

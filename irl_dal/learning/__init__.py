@@ -9,6 +9,7 @@ from irl_dal.learning.experience_correction import ExperienceCorrection
 from irl_dal.learning.hybrid_reward import HybridReward, HybridRewardConfig, HybridRolloutBuffer
 from irl_dal.learning.pipeline import Pipeline
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, build_policy
+from irl_dal.learning.processes import DriverProcesses
 from irl_dal.learning.progress import Observer, ProgressBar
 
 __all__ = [
@@ -20,6 +21,7 @@ __all__ = [
     "Discriminator",
     "DiscriminatorConfig",
     "Driver",
+    "DriverProcesses",
     "DrivingPolicy",
     "ExperienceCorrection",
     "HybridReward",

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import torch
-from stable_baselines3.common.vec_env import DummyVecEnv, SubprocVecEnv, VecEnv
+from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from expert import ExpertConfig, FSMExpert
 from irl_dal.envs import CityConfig, CityEnv
@@ -19,6 +19,7 @@ from irl_dal.learning import (
     DiffusionTrainingConfig,
     DiscriminatorConfig,
     Driver,
+    DriverProcesses,
     LearningConfig,
     Pipeline,
     PPOConfig,
@@ -84,7 +85,7 @@ def new_drivers(
     cars = [
         partial(new_driver, config, place, seed, **supervision) for place in range(config.n_envs)
     ]
-    return SubprocVecEnv(cars) if processes else DummyVecEnv(cars)  # type: ignore[arg-type]
+    return DriverProcesses(cars) if processes else DummyVecEnv(cars)  # type: ignore[arg-type]
 
 
 def new_pipeline(
