@@ -116,9 +116,7 @@ def load_run(
         CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated.
     """
     state = CheckpointStore(run_dir).load().state
-    seen, acted = loop.city.observation_space, loop.city.action_space
-    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
-    policy = build_policy(seen, acted, config.learning.ppo, config.perception)
+    policy = _policy(config, loop)
     try:
         policy.load_state_dict(state["policy"])
         if planner is not None:
@@ -136,10 +134,17 @@ def _safety_filter(config: RunConfig) -> SafetyFilter:
     return SafetyFilter(config.limits, config.shield.solver, deadline=PATIENCE)
 
 
+def _policy(config: RunConfig, loop: ControlLoop) -> DrivingPolicy:
+    """One whose weights are yet to come."""
+    seen, acted = loop.city.observation_space, loop.city.action_space
+    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
+    return build_policy(seen, acted, config.learning.ppo, config.perception)
+
+
 def _driver(config: RunConfig, place: int) -> Driver:
     loop = build_loop(config, supervision(config, build_planner(config), training=True))
     seeds = np.random.SeedSequence(config.seed, spawn_key=_EPISODES)
-    return Driver(loop, config.learning, seeds, place)
+    return Driver(loop, _policy(config, loop), config.learning, seeds, place)
 
 
 def _alone(config: RunConfig, place: int) -> Driver:

@@ -12,8 +12,8 @@ from irl_dal.learning.driver import DrivenStep
 __all__ = ["demonstrations"]
 
 BLOCK = 250
-"""Steps that each car drives on its own before the others are waited for: long enough for slow and
-fast ones to even out, and no longer than the interval between two updates of two cars (Table II)."""
+"""Steps that each car drives before it waits for the others: slow and fast ones even out, and two
+cars are done when the next update is due (Table II)."""
 
 
 def demonstrations(drivers: VecEnv, steps: int) -> Iterator[DrivenStep]:

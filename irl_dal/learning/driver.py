@@ -1,14 +1,18 @@
 """One of the cars that a run trains on: drives, and says of every step what is to be known of it.
 
+A car drives a stretch of steps at a time, with a policy and a planner of its own whose weights it
+is given before: cars in processes of their own then wait for each other once a stretch and not in
+every step.
+
 An episode is drawn from the run's seed and the episode's own number: its place, its traffic, its
-disturbances and the planner's noise. Which process it is driven in, and beside what, makes no
-difference to it.
+disturbances and the noise of policy and planner. Which process it is driven in, and beside what,
+makes no difference to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium
@@ -22,13 +26,33 @@ from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.counts import Counts
 from irl_dal.learning.disturbance import Disturbance
 from irl_dal.learning.hybrid_reward import End
+from irl_dal.learning.policy import DrivingPolicy
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
-__all__ = ["DRIVEN", "DrivenStep", "Driver"]
+__all__ = ["DRIVEN", "Draw", "DrivenStep", "Driver"]
+
+Weights = Mapping[str, NDArray[np.float32]]
 
 DRIVEN = "driven"
 """Key of the `DrivenStep` in `info`."""
+
+
+@dataclass(frozen=True, slots=True)
+class Draw:
+    """What the policy drew in a state.
+
+    Attributes:
+        action: Its action (2,), normalised, not clipped.
+        value: Of the state.
+        log_prob: Of the action.
+        last_value: Value of the state that the step led to; only where the time is up there.
+    """
+
+    action: NDArray[np.float32]
+    value: float
+    log_prob: float
+    last_value: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +64,14 @@ class DrivenStep:
         end: Whether and how the episode ended.
         counts: What the step adds to the run's counts.
         episode_return: Undiscounted environment reward of the episode so far.
+        draw: Of the policy; None where the expert drove.
     """
 
     transition: Transition
     end: End
     counts: Counts
     episode_return: float
+    draw: Draw | None = None
 
 
 class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
@@ -57,16 +83,25 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
 
     Args:
         loop: The control loop; its planner, if it has one, is this car's own.
+        policy: This car's own; explores with noise of its own.
         config: Number of cars, seeds and disturbances.
         seeds: The run's: each episode's random numbers are drawn from a child of it.
         place: Which of the cars this is.
     """
 
     def __init__(
-        self, loop: ControlLoop, config: LearningConfig, seeds: np.random.SeedSequence, place: int
+        self,
+        loop: ControlLoop,
+        policy: DrivingPolicy,
+        config: LearningConfig,
+        seeds: np.random.SeedSequence,
+        place: int,
     ) -> None:
         super().__init__(loop)
         self.loop = loop
+        self.policy = policy
+        self.policy.generator = torch.Generator(policy.device)
+        self.policy.set_training_mode(False)
         self._config = config
         self._seeds = seeds
         self._next = place
@@ -76,11 +111,13 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         """Number of the episode that begins next."""
         self._next, self._under_way = episode, False
 
-    def load_planner(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
-        """Plan with these weights of the denoiser from now on."""
-        planner = self.loop.supervision.planner
-        assert planner is not None, "only a run with a planner trains one"
-        planner.load_state_dict({k: torch.from_numpy(v.copy()) for k, v in weights.items()})
+    def load_weights(self, policy: Weights, planner: Weights | None = None) -> None:
+        """Drive with these from now on, planning with the second if there is a planner."""
+        self.policy.load_state_dict(_tensors(policy))
+        if planner is not None:
+            own = self.loop.supervision.planner
+            assert own is not None, "only a run with a planner trains one"
+            own.load_state_dict(_tensors(planner))
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -93,6 +130,8 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         planner = self.loop.supervision.planner
         if planner is not None:
             planner.generator.manual_seed(int(rng.integers(2**63)))
+        assert self.policy.generator is not None
+        self.policy.generator.manual_seed(int(rng.integers(2**63)))
         self._disturbance = Disturbance(self._config.disturbance, rng)
         self._observation, self._info = self.loop.reset(
             seed=drawn if seed is None else seed, options=options
@@ -112,13 +151,38 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
 
     def demonstrate(self, steps: int) -> list[DrivenStep]:
         """Let the expert go on for some steps, into new episodes where one ends."""
+        return self._go_on(steps, self._expert_step)
+
+    def drive(self, steps: int) -> list[DrivenStep]:
+        """Let the policy go on for some steps, exploring, into new episodes where one ends."""
+        return self._go_on(steps, self._policy_step)
+
+    def seen(self) -> Observation:
+        """What the car sees now, after its newest step."""
+        return self._observation
+
+    def _go_on(self, steps: int, step: Callable[[], DrivenStep]) -> list[DrivenStep]:
         driven = []
         for _ in range(steps):
             if not self._under_way:
                 self.reset()
-            *_, info = self.step_expert()
-            driven.append(info[DRIVEN])
+            driven.append(step())
         return driven
+
+    def _expert_step(self) -> DrivenStep:
+        driven: DrivenStep = self.step_expert()[4][DRIVEN]
+        return driven
+
+    @torch.no_grad()
+    def _policy_step(self) -> DrivenStep:
+        seen, _ = self.policy.obs_to_tensor(dict(self._observation))
+        action, value, log_prob = self.policy(seen)
+        draw = Draw(action[0].numpy(), float(value), float(log_prob))
+        driven: DrivenStep = self.step(np.clip(draw.action, -1.0, 1.0))[4][DRIVEN]
+        if driven.end is End.TIME_LIMIT:
+            last, _ = self.policy.obs_to_tensor(dict(self._observation))
+            draw = replace(draw, last_value=float(self.policy.predict_values(last)))
+        return replace(driven, draw=draw)
 
     def _told(
         self,
@@ -178,3 +242,7 @@ def _end(terminated: bool, truncated: bool, success: bool) -> End:
     if terminated:
         return End.SUCCESS if success else End.FAILURE
     return End.TIME_LIMIT if truncated else End.GOES_ON
+
+
+def _tensors(weights: Weights) -> dict[str, torch.Tensor]:
+    return {name: torch.from_numpy(values.copy()) for name, values in weights.items()}

@@ -5,7 +5,7 @@
 | Observe o_t, a_t^* = FSM(o_t), execute, store | `demonstrations`, `Recorder.take` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | PPO's `collect_rollouts`, `Driver.step` |
+| Sample a_t^PPO, trigger, plan, blend, execute | `Driver.drive` |
 | r_irl, r_t | `HybridRolloutBuffer.compute_returns_and_advantage` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
@@ -13,8 +13,9 @@
 | Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
 
 Several cars drive beside each other, and t counts the steps of all of them. "t mod T = 0" is read
-as "after every T-th step", in phase 2 as soon as every car has driven its step. The last PPO update
-may have fewer steps than the others, so that the run ends at N_total exactly.
+as "after every T-th step", in phase 2 as soon as every car has driven its step. Between two updates
+nothing changes that a car drives with, so each drives that stretch without the others. The last PPO
+update may have fewer steps than the others, so that the run ends at N_total exactly.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from expert.replay import ReplayBuffer
+from expert.replay import ReplayBuffer, Transition
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
@@ -39,9 +40,8 @@ from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.driver import DrivenStep
 from irl_dal.learning.experience_correction import ExperienceCorrection
-from irl_dal.learning.hybrid_reward import HybridReward, HybridRolloutBuffer, StepOutcome
+from irl_dal.learning.hybrid_reward import End, HybridReward, HybridRolloutBuffer, StepOutcome
 from irl_dal.learning.learners import Learners
-from irl_dal.learning.mixed_phase import MixedPhase
 from irl_dal.learning.policy import DrivingPolicy, appraise
 from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
@@ -62,8 +62,14 @@ STREAMS = (
 )
 """Independent random streams that the seed is split into."""
 
-NEVER = 2**31
-"""Rollouts between two rows that PPO writes by itself: the run log writes them."""
+MIXED_INTERVALS = (
+    "bc_interval_mixed",
+    "diffusion_interval",
+    "discriminator_interval",
+    "sync_interval",
+    "log_interval",
+)
+"""What may be due in phase 2 while a rollout is collected."""
 
 
 class Pipeline:
@@ -182,35 +188,6 @@ class Pipeline:
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def mixed_step(
-        self, observations: dict[str, torch.Tensor], driven: Sequence[DrivenStep]
-    ) -> None:
-        """After each step of all cars in phase 2, before PPO stores it.
-
-        Args:
-            observations: What the policy acted upon, batched.
-            driven: What came of it, car by car.
-        """
-        buffer = self.learners.ppo.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
-        outcomes = []
-        for car, step in enumerate(driven):
-            self.recorder.take(step)
-            seen = {key: values[car : car + 1] for key, values in observations.items()}
-            outcomes.append(self._outcome(seen, step))
-            self._advance()
-        buffer.annotate(outcomes)
-        # What is due after the very last step comes after PPO's last update, in `_finish`.
-        if self.step < self.config.total_steps:
-            self._mixed_updates()
-            self._log_if_due(phase=2)
-
-    def _outcome(self, seen: dict[str, torch.Tensor], driven: DrivenStep) -> StepOutcome:
-        step, stored = driven.transition, None
-        if self.correction.replaces(step.intervened):
-            stored = self.correction.expert_draw(self.policy, seen, step.label)
-        return StepOutcome(step.reward, step.command, driven.end, step.mode, stored)
-
     def _build(self, perception: PerceptionConfig, device: str) -> Learners:
         config, rng = self.config, self._rng
         ppo = build_ppo(
@@ -277,16 +254,77 @@ class Pipeline:
         if not self._critic_ready:
             self._warm_start()
             self.save()
-        self._hand_on_planner()
         while self.step < config.total_steps:
-            size = min(config.ppo.n_steps, config.total_steps - self.step)
-            self._resize_rollout(size // config.n_envs)
-            ppo.num_timesteps = self.step
-            callback = MixedPhase(self.mixed_step)
-            ppo.learn(size, callback, log_interval=NEVER, reset_num_timesteps=False)
-            self.log.add_time("ppo", callback.since_rollout())
+            size = min(config.ppo.n_steps, config.total_steps - self.step) // config.n_envs
+            over = self._collect(ppo.begin_rollout(size))
+            with self.log.timed("ppo"):
+                ppo.end_rollout(self._seen(), over)
+                ppo.train()
             if self.step < config.total_steps:
                 self.save()
+
+    def _collect(self, buffer: HybridRolloutBuffer) -> NDArray[np.bool_]:
+        """Fill a rollout; gives whether each car's last step ended an episode."""
+        driven: tuple[DrivenStep, ...] = ()
+        while not buffer.full:
+            with self.log.timed("driving"):
+                self._hand_on_weights()
+                stretch = min(self._undisturbed(), buffer.buffer_size - buffer.pos)
+                cars = self.drivers.env_method("drive", stretch)
+            for driven in zip(*cars, strict=True):
+                self._keep(buffer, driven)
+            # What is due after the very last step comes after PPO's last update, in `_finish`.
+            if self.step < self.config.total_steps:
+                self._mixed_updates()
+                self._log_if_due(phase=2)
+        return np.array([step.end is not End.GOES_ON for step in driven])
+
+    def _undisturbed(self) -> int:
+        """Steps that each car can drive until anything is due."""
+        intervals = [getattr(self.config, name) for name in MIXED_INTERVALS]
+        ahead = min(interval - self.step % interval for interval in intervals)
+        return -(-ahead // self.config.n_envs)
+
+    def _keep(self, buffer: HybridRolloutBuffer, driven: Sequence[DrivenStep]) -> None:
+        """Put a step of every car into both buffers."""
+        seen = [_observation(step.transition) for step in driven]
+        outcomes = []
+        for observation, step in zip(seen, driven, strict=True):
+            self.recorder.take(step)
+            outcomes.append(self._outcome(observation, step))
+            self._advance()
+        draws = [step.draw for step in driven if step.draw is not None]
+        gamma = self.config.ppo.gamma
+        buffer.annotate(outcomes)
+        buffer.add(
+            {key: np.stack([observation[key] for observation in seen]) for key in seen[0]},
+            np.stack([draw.action for draw in draws]),
+            np.array(
+                [
+                    step.transition.reward + gamma * draw.last_value
+                    for step, draw in zip(driven, draws, strict=True)
+                ],
+                np.float32,
+            ),
+            np.array([step.transition.step == 0 for step in driven]),
+            torch.tensor([draw.value for draw in draws]),
+            torch.tensor([draw.log_prob for draw in draws]),
+        )
+
+    def _outcome(self, seen: dict[str, NDArray[Any]], driven: DrivenStep) -> StepOutcome:
+        step, stored = driven.transition, None
+        if self.correction.replaces(step.intervened):
+            stored = self.correction.expert_draw(self.policy, _batched([seen]), step.label)
+        return StepOutcome(step.reward, step.command, driven.end, step.mode, stored)
+
+    def _seen(self) -> dict[str, torch.Tensor]:
+        """What the cars see now."""
+        return _batched(
+            [
+                {**seen, "image": seen["image"].transpose(2, 0, 1)}
+                for seen in self.drivers.env_method("seen")
+            ]
+        )
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""
@@ -306,16 +344,14 @@ class Pipeline:
         if config.planner_in_mixed and self._due(config.diffusion_interval):
             with log.timed("planner"):
                 learners.train_planner(config.diffusion.steps_mixed)
-                self._hand_on_planner()
         if self._due(config.bc_interval_mixed):
             with log.timed("bc"):
                 learners.clone(config.cloning.steps_mixed)
 
-    def _hand_on_planner(self) -> None:
-        """Let the cars plan with the newest weights."""
-        if self._planner is not None:
-            weights = self._planner.denoiser.state_dict()
-            self.drivers.env_method("load_planner", {k: v.numpy() for k, v in weights.items()})
+    def _hand_on_weights(self) -> None:
+        """Let the cars drive and plan with the newest ones."""
+        planner = None if self._planner is None else _arrays(self._planner.denoiser)
+        self.drivers.env_method("load_weights", _arrays(self.policy), planner)
 
     def _due(self, interval: int) -> bool:
         """Whether the newest steps, one in phase 1 and one of each car in phase 2, complete one."""
@@ -335,22 +371,6 @@ class Pipeline:
         self._critic_ready = True
         self.learners.ppo.logger.record("critic/explained_variance", explained)
 
-    def _resize_rollout(self, size: int) -> None:
-        ppo, config = self.learners.ppo, self.config.ppo
-        if size == ppo.n_steps:
-            return
-        ppo.n_steps = size
-        ppo.rollout_buffer = HybridRolloutBuffer(
-            size,
-            ppo.observation_space,
-            ppo.action_space,
-            device=ppo.device,
-            n_envs=ppo.n_envs,
-            gamma=config.gamma,
-            gae_lambda=config.gae_lambda,
-            **self._buffer_arguments(),
-        )
-
     def _advance(self) -> None:
         self.step += 1
         self.log.advance(self.step)
@@ -365,8 +385,7 @@ class Pipeline:
         self.log.row(self.step, phase, {"count/saec_marks": self.correction.marks} | sizes)
 
     def _state(self, final: bool) -> dict[str, Any]:
-        learners, ppo, generator = self.learners, self.learners.ppo, self.policy.generator
-        assert generator is not None
+        learners, ppo = self.learners, self.learners.ppo
         return {
             "policy": self.policy.state_dict(),
             "ppo": {
@@ -374,7 +393,6 @@ class Pipeline:
                 "updates": ppo._n_updates,
                 "actor_rate": ppo.actor_rate.value,
             },
-            "exploration": generator.get_state(),
             "cloning": learners.cloning.state_dict(),
             "discriminator": learners.discriminator.state_dict(),
             "diffusion": None if learners.diffusion is None else learners.diffusion.state_dict(),
@@ -389,13 +407,11 @@ class Pipeline:
         }
 
     def _load(self, state: Mapping[str, Any]) -> None:
-        learners, ppo, generator = self.learners, self.learners.ppo, self.policy.generator
-        assert generator is not None
+        learners, ppo = self.learners, self.learners.ppo
         self.policy.load_state_dict(state["policy"])
         self.policy.optimizer.load_state_dict(state["ppo"]["optimizer"])
         ppo._n_updates = state["ppo"]["updates"]
         ppo.actor_rate.value = state["ppo"]["actor_rate"]
-        generator.set_state(state["exploration"])
         learners.cloning.load_state_dict(state["cloning"])
         learners.discriminator.load_state_dict(state["discriminator"])
         if learners.diffusion is not None:
@@ -420,3 +436,16 @@ def _new_replay(
         beams=beams,
         held_out_every=config.held_out_every,
     )
+
+
+def _observation(step: Transition) -> dict[str, NDArray[Any]]:
+    """As PPO stores it, channels first."""
+    return {"image": step.image.transpose(2, 0, 1), "lidar": step.lidar, "speed": step.speed}
+
+
+def _batched(seen: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, torch.Tensor]:
+    return {k: torch.from_numpy(np.stack([one[k] for one in seen])) for k in seen[0]}
+
+
+def _arrays(network: torch.nn.Module) -> dict[str, NDArray[Any]]:
+    return {name: values.numpy() for name, values in network.state_dict().items()}

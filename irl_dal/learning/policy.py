@@ -195,7 +195,7 @@ def build_policy(
     config: PPOConfig,
     perception: PerceptionConfig,
 ) -> DrivingPolicy:
-    """A policy without PPO, to load a trained one into: `predict` takes the city's observations.
+    """A policy without PPO, to load weights into: `predict` takes the city's observations.
 
     Args:
         observation_space: The city's, images channels last.
@@ -208,12 +208,13 @@ def build_policy(
     assert isinstance(image, gymnasium.spaces.Box)
     # What PPO's own wrapper does to the space, so that both policies have the same weights.
     spaces["image"] = VecTransposeImage.transpose_space(image, "image")
-    return DrivingPolicy(
-        gymnasium.spaces.Dict(spaces),
-        action_space,
-        lambda _: config.learning_rate,
-        **policy_arguments(config, perception),
-    )
+    with torch.random.fork_rng():
+        return DrivingPolicy(
+            gymnasium.spaces.Dict(spaces),
+            action_space,
+            lambda _: config.learning_rate,
+            **policy_arguments(config, perception),
+        )
 
 
 def observation_tensors(batch: ReplayBatch, device: torch.device | str) -> dict[str, Tensor]:

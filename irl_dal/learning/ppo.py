@@ -20,11 +20,12 @@ from typing import Any
 
 import numpy as np
 import torch
+from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
-from irl_dal.learning.hybrid_reward import HybridRolloutBuffer
+from irl_dal.learning.hybrid_reward import End, HybridRolloutBuffer
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, policy_arguments
 from irl_dal.perception import PerceptionConfig
 
@@ -72,6 +73,39 @@ class DrivingPPO(PPO):
     """
 
     actor_rate: ActorRate
+
+    def begin_rollout(self, size: int) -> HybridRolloutBuffer:
+        """An empty buffer for so many steps of each car."""
+        buffer = self.rollout_buffer
+        assert isinstance(buffer, HybridRolloutBuffer)
+        if size != buffer.buffer_size:
+            buffer = self.rollout_buffer = HybridRolloutBuffer(
+                size,
+                self.observation_space,
+                self.action_space,
+                device=self.device,
+                n_envs=self.n_envs,
+                gamma=self.gamma,
+                gae_lambda=self.gae_lambda,
+                **self.rollout_buffer_kwargs,
+            )
+        buffer.reset()
+        return buffer
+
+    @torch.no_grad()
+    def end_rollout(self, seen: dict[str, Tensor], over: NDArray[np.bool_]) -> None:
+        """Returns and advantages of the complete rollout.
+
+        Args:
+            seen: What each of the E cars sees after its last step, batched.
+            over: Whether that step ended an episode (E,).
+        """
+        buffer = self.rollout_buffer
+        assert isinstance(buffer, HybridRolloutBuffer)
+        buffer.compute_returns_and_advantage(self.policy.predict_values(seen), over)
+        self.logger.record("reward/env", float(buffer.env_rewards.mean()))
+        self.logger.record("reward/imitation", float(buffer.imitation_rewards.mean()))
+        self.logger.record("reward/failures", int((buffer.ends == End.FAILURE).sum()))
 
     def train(self) -> None:
         """Update actor and critic from the rollout; then let the actor's rate follow."""
@@ -145,7 +179,7 @@ def build_ppo(
         env: The cars, which share `n_steps` of the configuration evenly.
         config: Of the update.
         perception: Of the policy.
-        rng: Source of the first weights and of the exploration noise.
+        rng: Source of the first weights.
         buffer_arguments: Of `HybridRolloutBuffer`.
         device: Where the policy is.
     """
@@ -171,7 +205,6 @@ def build_ppo(
             device=device,
         )
     policy = driving_policy(ppo)
-    policy.generator = torch.Generator(policy.device).manual_seed(int(rng.integers(2**63)))
     policy.perception_gradient = config.perception_gradient
     with torch.no_grad():
         policy.log_std.copy_(torch.tensor(config.initial_log_std))

@@ -23,6 +23,7 @@ from irl_dal.learning import (
     LearningConfig,
     Pipeline,
     PPOConfig,
+    build_policy,
 )
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.perception import PerceptionConfig
@@ -75,7 +76,10 @@ def new_driver(
     config: LearningConfig = SHORT, place: int = 0, seed: int = 0, **supervision: Any
 ) -> Driver:
     """One of a run's cars."""
-    return Driver(new_loop(**supervision), config, np.random.SeedSequence(seed), place)
+    loop = new_loop(**supervision)
+    seen, acted = loop.city.observation_space, loop.city.action_space
+    policy = build_policy(seen, acted, config.ppo, PerceptionConfig())  # type: ignore[arg-type]
+    return Driver(loop, policy, config, np.random.SeedSequence(seed), place)
 
 
 def new_drivers(

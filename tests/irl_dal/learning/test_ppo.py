@@ -46,6 +46,7 @@ def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
         buffer_arguments=buffer_arguments,
     )
     ppo.set_logger(Logger(None, []))
+    driving_policy(ppo).generator = torch.Generator().manual_seed(0)
     replay = filled_replay(100)
     cloning = BehaviourCloning(driving_policy(ppo), CloningConfig(learning_rate=1e-3))
     cloning.update(lambda: replay.sample(rng, 32), cloning_steps)
