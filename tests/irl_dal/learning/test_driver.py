@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import torch
 
 from irl_dal.learning.disturbance import DisturbanceConfig
 from irl_dal.learning.driver import DRIVEN, DrivenStep, Driver
@@ -96,6 +97,53 @@ def test_an_episode_depends_on_its_number_alone() -> None:
     driver = new_driver(place=1)
     numbers = [step.transition.episode for step in driver.demonstrate(130)]
     assert list(dict.fromkeys(numbers)) == [1, 3, 5]
+
+
+def weights(driver: Driver, *, shift: float = 0.0) -> dict[str, np.ndarray]:
+    """The policy's, with a shifted mean action."""
+    arrays = {name: value.numpy().copy() for name, value in driver.policy.state_dict().items()}
+    arrays["action_net.bias"] += np.float32(shift)
+    return arrays
+
+
+def test_the_policy_explores_with_noise_of_the_episodes_own() -> None:
+    """The draw is executed as far as planner and shield let it; its probability is the policy's."""
+    driver, twin = new_driver(), new_driver()
+    twin.load_weights(weights(driver))
+    driven, again = driver.drive(5), twin.drive(5)
+    policy = driver.policy
+    for step, same in zip(driven, again, strict=True):
+        draw, transition = step.draw, step.transition
+        assert draw is not None and same.draw is not None
+        assert np.array_equal(draw.action, same.draw.action)
+        seen = {"image": transition.image, "lidar": transition.lidar, "speed": transition.speed}
+        tensors, _ = policy.obs_to_tensor(seen)
+        value, log_prob, _ = policy.evaluate_actions(tensors, torch.from_numpy(draw.action)[None])
+        assert draw.value == pytest.approx(value.item(), abs=1e-5)
+        assert draw.log_prob == pytest.approx(log_prob.item(), abs=1e-4)
+        assert draw.last_value == 0.0 and not transition.expert_drove
+    assert len({step.draw.action.tobytes() for step in driven if step.draw is not None}) == 5
+    assert np.array_equal(driver.seen()["lidar"], twin.seen()["lidar"])
+    assert not np.array_equal(driver.seen()["lidar"], driven[-1].transition.lidar)
+
+
+def test_new_weights_drive_from_the_next_step_on() -> None:
+    """Another mean, another action, in the same state with the same noise."""
+    driver, other = new_driver(), new_driver()
+    other.load_weights(weights(driver, shift=0.25))
+    mine, its = driver.drive(1)[0].draw, other.drive(1)[0].draw
+    assert mine is not None and its is not None
+    assert its.action - mine.action == pytest.approx(np.full(2, 0.25), abs=1e-6)
+
+
+def test_a_time_limit_comes_with_the_value_of_what_followed() -> None:
+    """So that the critic can stand in for what was cut off; the next step is a new episode's."""
+    driver = new_driver()
+    driver.demonstrate(59)
+    last, first = driver.drive(2)
+    assert last.end is End.TIME_LIMIT and last.draw is not None
+    assert last.draw.last_value not in (0.0, last.draw.value)
+    assert (first.transition.episode, first.transition.step) == (2, 0)
 
 
 def test_the_planners_noise_is_the_episodes_own() -> None:
