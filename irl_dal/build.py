@@ -22,7 +22,7 @@ from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_polic
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
-from irl_dal.threads import one_thread
+from irl_dal.threads import stay_on_one_thread
 from shield import SafetyFilter
 
 __all__ = [
@@ -150,6 +150,6 @@ def _driver(config: RunConfig, place: int) -> Driver:
 def _alone(config: RunConfig, place: int) -> Driver:
     """In a process that does nothing else, and that ends when its parent says so."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    one_thread().__enter__()
+    stay_on_one_thread()
     keep_freed_memory()
     return _driver(config, place)

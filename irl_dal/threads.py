@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, contextmanager
 import torch
 from threadpoolctl import threadpool_limits
 
-__all__ = ["GRADIENT_THREADS", "one_thread", "threads"]
+__all__ = ["GRADIENT_THREADS", "one_thread", "stay_on_one_thread", "threads"]
 
 GRADIENT_THREADS = min(2, torch.get_num_threads())
 """Threads of a gradient step: what the process was given by OMP_NUM_THREADS, by the launcher of a
@@ -37,3 +37,9 @@ def threads(count: int) -> Iterator[None]:
 def one_thread() -> AbstractContextManager[None]:
     """Compute on one thread meanwhile."""
     return threads(1)
+
+
+def stay_on_one_thread() -> None:
+    """Compute on one thread from now on."""
+    torch.set_num_threads(1)
+    threadpool_limits(1, user_api="blas")

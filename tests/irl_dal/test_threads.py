@@ -39,6 +39,17 @@ def test_gradient_steps_take_what_the_process_was_given(given: str, used: str) -
     assert _print("GRADIENT_THREADS", OMP_NUM_THREADS=given).stdout.strip() == used
 
 
+def test_a_process_that_only_drives_stays_on_one_thread() -> None:
+    """Also when everything that could be collected has been."""
+    script = (
+        "import gc, torch; from threadpoolctl import threadpool_info;"
+        "from irl_dal.threads import stay_on_one_thread; stay_on_one_thread(); gc.collect();"
+        "blas = {p['num_threads'] for p in threadpool_info() if p['user_api'] == 'blas'};"
+        "print(torch.get_num_threads(), *blas)"
+    )
+    assert _run(script, OMP_NUM_THREADS="2").stdout.split() == ["1", "1"]
+
+
 def test_idle_threads_hardly_wait_actively() -> None:
     """OpenMP has read the count of turns before torch's first gradient step; the user's goes."""
     ours = _print("GRADIENT_THREADS", OMP_DISPLAY_ENV="VERBOSE")
@@ -49,8 +60,11 @@ def test_idle_threads_hardly_wait_actively() -> None:
 
 def _print(name: str, **environment: str) -> subprocess.CompletedProcess[str]:
     """What a new process finds."""
+    return _run(f"import irl_dal.threads; print(irl_dal.threads.{name})", **environment)
+
+
+def _run(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
     known = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_"))}
-    script = f"import irl_dal.threads; print(irl_dal.threads.{name})"
     return subprocess.run(
         [sys.executable, "-c", script],
         env=known | environment,
