@@ -173,7 +173,7 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         driven: DrivenStep = self.step_expert()[4][DRIVEN]
         return driven
 
-    @torch.inference_mode()
+    @torch.no_grad()
     def _policy_step(self) -> DrivenStep:
         seen, _ = self.policy.obs_to_tensor(dict(self._observation))
         action, value, log_prob = self.policy(seen)

@@ -21,7 +21,6 @@ update may have fewer steps than the others, so that the run ends at N_total exa
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from contextlib import closing
 from pathlib import Path
 from typing import Any
 
@@ -36,7 +35,7 @@ from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.critic import warm_start_critic
-from irl_dal.learning.demonstrations import demonstrations, in_processes
+from irl_dal.learning.demonstrations import demonstrations
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.driver import DrivenStep
@@ -50,7 +49,6 @@ from irl_dal.learning.recorder import Recorder
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
-from irl_dal.threads import GRADIENT_THREADS
 
 __all__ = ["Pipeline"]
 
@@ -234,23 +232,20 @@ class Pipeline:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
         log.begin("imitation", self.step, config.imitation_steps)
-        # While the cars drive ahead they need the other cores.
-        learners.threads = 1 if in_processes(self.drivers) else GRADIENT_THREADS
-        with closing(demonstrations(self.drivers, config.imitation_steps - self.step)) as steps:
-            while self.step < config.imitation_steps:
-                with log.timed("driving"):
-                    self.recorder.take(next(steps))
-                self._advance()
-                if self._due(config.bc_interval_imitation):
-                    with log.timed("bc"):
-                        learners.clone(config.cloning.steps_imitation)
-                if self._due(config.diffusion_interval):
-                    with log.timed("planner"):
-                        learners.train_planner(config.diffusion.steps_imitation)
-                self._log_if_due(phase=1)
-                if self._due(config.checkpoint_interval):
-                    self.save()
-        learners.threads = GRADIENT_THREADS
+        steps = demonstrations(self.drivers, config.imitation_steps - self.step)
+        while self.step < config.imitation_steps:
+            with log.timed("driving"):
+                self.recorder.take(next(steps))
+            self._advance()
+            if self._due(config.bc_interval_imitation):
+                with log.timed("bc"):
+                    learners.clone(config.cloning.steps_imitation)
+            if self._due(config.diffusion_interval):
+                with log.timed("planner"):
+                    learners.train_planner(config.diffusion.steps_imitation)
+            self._log_if_due(phase=1)
+            if self._due(config.checkpoint_interval):
+                self.save()
 
     def _refine(self) -> None:
         """Phase 2: the policy drives, one PPO update at a time."""
