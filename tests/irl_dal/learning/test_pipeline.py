@@ -16,7 +16,8 @@ import pytest
 import torch
 
 from irl_dal.checkpoint import CheckpointError, CheckpointStore, pack
-from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline
+from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline, PPOConfig
+from irl_dal.learning.hybrid_reward import End
 from irl_dal.learning.metrics import read_metrics
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 
@@ -231,6 +232,36 @@ def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
     assert calls["train_planner"] == [40, 80, 120, 160]
     assert calls["train_discriminator"] == [150, 180]
     assert calls["sync_features"] == [140, 160, 180]
+
+
+def test_a_rollout_holds_what_each_car_drove(tmp_path: Path) -> None:
+    """Step by step and car by car, with new episodes where old ones ended, whatever was due."""
+    config = replace(
+        SHORT, imitation_steps=1, bc_interval_mixed=30, ppo=PPOConfig(n_steps=140, batch_size=20)
+    )
+    pipeline = new_pipeline(tmp_path, config)
+    ppo, learners = pipeline.learners.ppo, pipeline.learners
+    ppo.set_logger(pipeline.log.open(0))
+    pipeline.step = 1
+    drivers = new_drivers(config)
+    before = {name: value.numpy().copy() for name, value in pipeline.policy.state_dict().items()}
+    drivers.env_method("load_weights", before)
+    over = pipeline._collect(ppo.begin_rollout(70))
+    buffer = ppo.rollout_buffer
+    assert isinstance(buffer, HybridRolloutBuffer) and buffer.full
+    assert pipeline.step == 141 and learners.diffusion is not None
+    stored = pipeline.replay.export_since(0)
+    for key in ("lidar", "speed"):
+        assert np.array_equal(buffer.observations[key].reshape(140, -1), stored[key])
+    assert np.array_equal(buffer.executed_actions.reshape(140, 2), stored["command"])
+    starts = np.flatnonzero(buffer.episode_starts[:, 0])
+    assert np.array_equal(starts, np.flatnonzero(stored["step"][::2] == 0))
+    assert len(starts) > 1 and set(stored["episode"][::2]) == set(2 * np.arange(len(starts)))
+    assert np.array_equal(over, buffer.ends[-1] != End.GOES_ON)
+    # Until the first update, after step 20, a car of its own drives the same with these weights.
+    for car, twin in enumerate(drivers.env_method("drive", 9)):
+        draws = np.stack([step.draw.action for step in twin])
+        assert np.array_equal(buffer.actions[:9, car], draws)
 
 
 @pytest.mark.parametrize("saec", ["label", "paper", "off"])
