@@ -7,7 +7,7 @@ from itertools import chain
 
 from stable_baselines3.common.vec_env import VecEnv
 
-from irl_dal.learning.driver import DrivenStep
+from irl_dal.learning.driven_step import DrivenStep
 
 __all__ = ["demonstrations"]
 

@@ -12,7 +12,7 @@ makes no difference to it.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import gymnasium
@@ -25,53 +25,17 @@ from expert.replay import Transition
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.counts import Counts
 from irl_dal.learning.disturbance import Disturbance
-from irl_dal.learning.hybrid_reward import End
+from irl_dal.learning.driven_step import Draw, DrivenStep, End
 from irl_dal.learning.policy import DrivingPolicy
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
-__all__ = ["DRIVEN", "Draw", "DrivenStep", "Driver"]
+__all__ = ["DRIVEN", "Driver"]
 
 Weights = Mapping[str, NDArray[np.float32]]
 
 DRIVEN = "driven"
 """Key of the `DrivenStep` in `info`."""
-
-
-@dataclass(frozen=True, slots=True)
-class Draw:
-    """What the policy drew in a state.
-
-    Attributes:
-        action: Its action (2,), normalised, not clipped.
-        value: Of the state.
-        log_prob: Of the action.
-        last_value: Value of the state that the step led to; only where the time is up there.
-    """
-
-    action: NDArray[np.float32]
-    value: float
-    log_prob: float
-    last_value: float = 0.0
-
-
-@dataclass(frozen=True, slots=True)
-class DrivenStep:
-    """One step, as the driver tells it.
-
-    Attributes:
-        transition: What the replay buffer may keep.
-        end: Whether and how the episode ended.
-        counts: What the step adds to the run's counts.
-        episode_return: Undiscounted environment reward of the episode so far.
-        draw: Of the policy; None where the expert drove.
-    """
-
-    transition: Transition
-    end: End
-    counts: Counts
-    episode_return: float
-    draw: Draw | None = None
 
 
 class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
@@ -193,7 +157,7 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
     ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
         """The step with all that is to be known of it in place of the loop's `info`."""
         observation, reward, terminated, truncated, info = result
-        end = _end(terminated, truncated, bool(info["success"]))
+        end = End.of(terminated, truncated, success=bool(info["success"]))
         transition = Transition(
             image=self._observation["image"],
             lidar=self._observation["lidar"],
@@ -236,12 +200,6 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
             reward=reward,
             disagreement=disagreement,
         )
-
-
-def _end(terminated: bool, truncated: bool, success: bool) -> End:
-    if terminated:
-        return End.SUCCESS if success else End.FAILURE
-    return End.TIME_LIMIT if truncated else End.GOES_ON
 
 
 def _tensors(weights: Weights) -> dict[str, torch.Tensor]:

@@ -15,46 +15,25 @@ Ends of episodes. A reward that stops at the end of an episode makes ending it w
 its own: with r_irl < 0 a crash would be a relief. So r_irl goes on after the end, as if in an
 absorbing state (Kostrikov et al., "Discriminator-Actor-Critic", 2019): at its lower bound after a
 failure, which can then never be better than driving on, and at the rollout's mean after a success,
-which neither pays nor costs. Time limits are bootstrapped with the critic, by stable-baselines3.
+which neither pays nor costs. Time limits are bootstrapped with the critic.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import IntEnum
 from typing import Any, Literal, get_args
 
 import numpy as np
-import torch
 from numpy.typing import NDArray
-from stable_baselines3.common.buffers import DictRolloutBuffer
-from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 
-from expert.modes import Mode
+from irl_dal.learning.driven_step import End
 
-__all__ = [
-    "End",
-    "HybridReward",
-    "HybridRewardConfig",
-    "HybridRolloutBuffer",
-    "StepOutcome",
-    "flat",
-]
+__all__ = ["HybridReward", "HybridRewardConfig"]
 
 Array = NDArray[np.float32]
-Appraise = Callable[[dict[str, NDArray[Any]], Array], tuple[Array, Array]]
 Judge = Callable[[dict[str, NDArray[Any]], Array], Array | None]
 ImitationForm = Literal["centred", "printed"]
-
-
-class End(IntEnum):
-    """How a step left its episode."""
-
-    GOES_ON = 0
-    SUCCESS = 1
-    FAILURE = 2
-    TIME_LIMIT = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,26 +89,6 @@ class HybridRewardConfig:
 
 
 @dataclass(frozen=True, slots=True)
-class StepOutcome:
-    """What the rollout buffer must know of a car's step beside stable-baselines3's five things.
-
-    Attributes:
-        env_reward: r_env.
-        executed_action: What reached the actuators (2,), normalised.
-        end: Whether and how the step ended its episode.
-        mode: FSM state of the expert in the state acted upon.
-        stored_action: Action to keep in place of the policy's own draw (2,), and its
-            log-probability: only `saec: paper` has any.
-    """
-
-    env_reward: float
-    executed_action: Array
-    end: End
-    mode: Mode = Mode.LANE_FOLLOWING
-    stored_action: tuple[Array, float] | None = None
-
-
-@dataclass(frozen=True, slots=True)
 class HybridReward:
     """Mixes the two rewards.
 
@@ -178,141 +137,3 @@ class HybridReward:
         imitated = imitation + self.continuation(ends, imitation)
         mixed = config.w_env * env + config.w_irl * imitated
         return (self.scale * (mixed - config.correction_penalty * correction)).astype(np.float32)
-
-
-class HybridRolloutBuffer(DictRolloutBuffer):
-    """stable-baselines3's rollout buffer with the mixed reward: T steps of each of E cars.
-
-    `annotate` must be called before each `add`, that is from a callback's `on_step`. Rewards are
-    mixed in one batch when the rollout is complete, before returns and advantages are computed.
-
-    Behaviour cloning moves the policy while a rollout is collected. `appraise` renews values and
-    log-probabilities of the whole rollout, so that PPO's clipping is centred at the policy that the
-    update begins with, as in Hilton et al., "Batch size-invariance for policy optimization" (2022);
-    advantages of actions that have become less likely are weighted down by the ratio, cut at 1.
-
-    Args:
-        hybrid: Mixes the rewards.
-        rng: Source of the order of minibatches.
-        appraise: Gives values (N,) and log-probabilities (N,) of observations and stored actions
-            (N, 2) under the present policy; None keeps what was seen on the way.
-        **arguments: Of `DictRolloutBuffer`.
-    """
-
-    def __init__(
-        self,
-        *args: Any,
-        hybrid: HybridReward,
-        rng: np.random.Generator,
-        appraise: Appraise | None = None,
-        **arguments: Any,
-    ) -> None:
-        self.hybrid = hybrid
-        self.rng = rng
-        self.appraise = appraise
-        self._outcomes: Sequence[StepOutcome] = ()
-        super().__init__(*args, **arguments)
-
-    def reset(self) -> None:
-        """Forget the rollout."""
-        super().reset()
-        shape = (self.buffer_size, self.n_envs)
-        self.env_rewards = np.zeros(shape, np.float32)
-        self.imitation_rewards = np.zeros(shape, np.float32)
-        self.bootstraps = np.zeros(shape, np.float32)
-        self.executed_actions = np.zeros((*shape, 2), np.float32)
-        self.drawn_actions = np.zeros((*shape, 2), np.float32)
-        self.ends = np.zeros(shape, np.int8)
-        self.modes = np.zeros(shape, np.int8)
-
-    def annotate(self, outcomes: Sequence[StepOutcome]) -> None:
-        """Say what the next `add` is about, car by car."""
-        self._outcomes = outcomes
-
-    def add(  # type: ignore[override]  # as in stable-baselines3's own dictionary buffer
-        self,
-        obs: dict[str, NDArray[Any]],
-        action: NDArray[Any],
-        reward: NDArray[Any],
-        episode_start: NDArray[Any],
-        value: torch.Tensor,
-        log_prob: torch.Tensor,
-    ) -> None:
-        """Store a step of every car.
-
-        Raises:
-            RuntimeError: If the step was not annotated.
-        """
-        if len(self._outcomes) != self.n_envs:
-            raise RuntimeError("`annotate` must be called before each `add`.")
-        action = np.array(action, np.float32).reshape(self.n_envs, 2)
-        log_prob = log_prob.clone()
-        place = self.pos
-        self.drawn_actions[place] = np.clip(action, -1.0, 1.0)
-        for car, outcome in enumerate(self._outcomes):
-            if outcome.stored_action is not None:
-                action[car], log_prob[car] = outcome.stored_action
-            # What stable-baselines3 added at a time limit: gamma V(last observation), in critic
-            # units.
-            if outcome.end is End.TIME_LIMIT:
-                self.bootstraps[place, car] = float(reward[car]) - np.float32(outcome.env_reward)
-            self.env_rewards[place, car] = outcome.env_reward
-            self.executed_actions[place, car] = outcome.executed_action
-            self.ends[place, car] = outcome.end
-            self.modes[place, car] = outcome.mode
-        self._outcomes = ()
-        super().add(obs, action, reward, episode_start, value, log_prob)
-
-    def seen(self) -> dict[str, NDArray[Any]]:
-        """Observations of the complete rollout (T E, ...), before it is sampled."""
-        return {key: flat(values) for key, values in self.observations.items()}
-
-    def compute_returns_and_advantage(self, last_values: torch.Tensor, dones: NDArray[Any]) -> None:
-        """Mix the rewards, then GAE."""
-        shape = (self.buffer_size, self.n_envs)
-        observations = self.seen()
-        logits = self.hybrid.judge(observations, flat(self.executed_actions))
-        if logits is not None:
-            self.imitation_rewards = self.hybrid.imitation_reward(logits).reshape(shape)
-        correction = np.square(self.executed_actions - self.drawn_actions).sum(axis=-1)
-        mixed = self.hybrid.mix(
-            self.env_rewards,
-            self.imitation_rewards,
-            self.ends if logits is not None else np.zeros_like(self.ends),
-            correction,
-        )
-        self.rewards[:] = mixed + self.bootstraps
-        weights = self._renew(observations)
-        super().compute_returns_and_advantage(last_values, dones)
-        self.advantages *= weights
-
-    def _renew(self, observations: dict[str, NDArray[Any]]) -> Array:
-        """Renew values and log-probabilities; gives the weights of the advantages (T, E)."""
-        shape = (self.buffer_size, self.n_envs)
-        if self.appraise is None:
-            return np.ones(shape, np.float32)
-        values, log_probs = self.appraise(observations, flat(self.actions))
-        weights = np.exp(np.minimum(log_probs.reshape(shape) - self.log_probs, 0.0))
-        self.values[:], self.log_probs[:] = values.reshape(shape), log_probs.reshape(shape)
-        return weights.astype(np.float32)
-
-    def get(  # type: ignore[override]  # as in stable-baselines3's own dictionary buffer
-        self, batch_size: int | None = None
-    ) -> Generator[DictRolloutBufferSamples, None, None]:
-        """Minibatches in an order drawn from `rng`."""
-        assert self.full, "a rollout is sampled when it is complete"
-        order = self.rng.permutation(self.buffer_size * self.n_envs)
-        if not self.generator_ready:
-            for key, values in self.observations.items():
-                self.observations[key] = self.swap_and_flatten(values)
-            for name in ("actions", "values", "log_probs", "advantages", "returns"):
-                self.__dict__[name] = self.swap_and_flatten(self.__dict__[name])
-            self.generator_ready = True
-        size = batch_size or len(order)
-        for start in range(0, len(order), size):
-            yield self._get_samples(order[start : start + size])
-
-
-def flat(values: NDArray[Any]) -> NDArray[Any]:
-    """(T, E, ...) as (T E, ...)."""
-    return values.reshape(-1, *values.shape[2:])

@@ -12,9 +12,9 @@ from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.hybrid_reward import HybridRolloutBuffer, flat
 from irl_dal.learning.policy import observation_tensors
 from irl_dal.learning.ppo import DrivingPPO, driving_policy
+from irl_dal.learning.rollout_buffer import HybridRolloutBuffer, flat
 from irl_dal.threads import GRADIENT_THREADS, threads
 
 __all__ = ["Learners"]

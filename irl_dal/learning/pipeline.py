@@ -6,7 +6,7 @@
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
 | Sample a_t^PPO, trigger, plan, blend, execute | `Driver.drive` |
-| r_irl, r_t | `HybridRolloutBuffer.compute_returns_and_advantage` |
+| r_irl, r_t | `HybridRolloutBuffer` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
 | should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
@@ -30,7 +30,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
-from expert.replay import ReplayBuffer, Transition
+from expert.replay import ReplayBuffer
 from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
@@ -38,14 +38,15 @@ from irl_dal.learning.critic import warm_start_critic
 from irl_dal.learning.demonstrations import demonstrations
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.driver import DrivenStep
+from irl_dal.learning.driven_step import DrivenStep, End
 from irl_dal.learning.experience_correction import ExperienceCorrection
-from irl_dal.learning.hybrid_reward import End, HybridReward, HybridRolloutBuffer, StepOutcome
+from irl_dal.learning.hybrid_reward import HybridReward
 from irl_dal.learning.learners import Learners
 from irl_dal.learning.policy import DrivingPolicy, appraise
 from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.recorder import Recorder
+from irl_dal.learning.rollout_buffer import Correction, HybridRolloutBuffer
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
@@ -287,44 +288,25 @@ class Pipeline:
 
     def _keep(self, buffer: HybridRolloutBuffer, driven: Sequence[DrivenStep]) -> None:
         """Put a step of every car into both buffers."""
-        seen = [_observation(step.transition) for step in driven]
-        outcomes = []
-        for observation, step in zip(seen, driven, strict=True):
+        for step in driven:
             self.recorder.take(step)
-            outcomes.append(self._outcome(observation, step))
             self._advance()
-        draws = [step.draw for step in driven if step.draw is not None]
-        gamma = self.config.ppo.gamma
-        buffer.annotate(outcomes)
-        buffer.add(
-            {key: np.stack([observation[key] for observation in seen]) for key in seen[0]},
-            np.stack([draw.action for draw in draws]),
-            np.array(
-                [
-                    step.transition.reward + gamma * draw.last_value
-                    for step, draw in zip(driven, draws, strict=True)
-                ],
-                np.float32,
-            ),
-            np.array([step.transition.step == 0 for step in driven]),
-            torch.tensor([draw.value for draw in draws]),
-            torch.tensor([draw.log_prob for draw in draws]),
-        )
+        buffer.store(driven, [self._correction_of(step) for step in driven])
 
-    def _outcome(self, seen: dict[str, NDArray[Any]], driven: DrivenStep) -> StepOutcome:
-        step, stored = driven.transition, None
-        if self.correction.replaces(step.intervened):
-            stored = self.correction.expert_draw(self.policy, _batched([seen]), step.label)
-        return StepOutcome(step.reward, step.command, driven.end, step.mode, stored)
+    def _correction_of(self, step: DrivenStep) -> Correction | None:
+        if not self.correction.replaces(step.transition.intervened):
+            return None
+        seen, _ = self.policy.obs_to_tensor(dict(step.seen))
+        assert isinstance(seen, dict)
+        return self.correction.expert_draw(self.policy, seen, step.transition.label)
 
     def _seen(self) -> dict[str, torch.Tensor]:
-        """What the cars see now."""
-        return _batched(
-            [
-                {**seen, "image": seen["image"].transpose(2, 0, 1)}
-                for seen in self.drivers.env_method("seen")
-            ]
-        )
+        """What the cars see now, batched."""
+        cars = self.drivers.env_method("seen")
+        together = {key: np.stack([seen[key] for seen in cars]) for key in cars[0]}
+        tensors, _ = self.policy.obs_to_tensor(together)
+        assert isinstance(tensors, dict)
+        return tensors
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""
@@ -436,15 +418,6 @@ def _new_replay(
         beams=beams,
         held_out_every=config.held_out_every,
     )
-
-
-def _observation(step: Transition) -> dict[str, NDArray[Any]]:
-    """As PPO stores it, channels first."""
-    return {"image": step.image.transpose(2, 0, 1), "lidar": step.lidar, "speed": step.speed}
-
-
-def _batched(seen: Sequence[Mapping[str, NDArray[Any]]]) -> dict[str, torch.Tensor]:
-    return {k: torch.from_numpy(np.stack([one[k] for one in seen])) for k in seen[0]}
 
 
 def _arrays(network: torch.nn.Module) -> dict[str, NDArray[Any]]:

@@ -25,8 +25,9 @@ from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
-from irl_dal.learning.hybrid_reward import End, HybridRolloutBuffer
+from irl_dal.learning.driven_step import End
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, policy_arguments
+from irl_dal.learning.rollout_buffer import HybridRolloutBuffer
 from irl_dal.perception import PerceptionConfig
 
 __all__ = ["ActorRate", "DrivingPPO", "build_ppo", "divergence"]

@@ -10,9 +10,8 @@ import numpy as np
 
 from expert.replay import ReplayBuffer
 from irl_dal.learning.counts import Counts
-from irl_dal.learning.driver import DrivenStep
+from irl_dal.learning.driven_step import DrivenStep, End
 from irl_dal.learning.experience_correction import ExperienceCorrection
-from irl_dal.learning.hybrid_reward import End
 
 __all__ = ["Recorder"]
 

@@ -9,6 +9,9 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import ReplayBuffer, Transition
+from irl_dal.learning.counts import Counts
+from irl_dal.learning.driven_step import Draw, DrivenStep, End
+from irl_dal.learning.hybrid_reward import HybridReward, HybridRewardConfig
 from irl_dal.learning.policy import DrivingPolicy, PPOConfig, build_policy
 from irl_dal.perception import PerceptionConfig
 
@@ -19,6 +22,8 @@ OBSERVATION_SPACE = spaces.Dict(
         "speed": spaces.Box(-50.0, 50.0, (1,), np.float32),
     }
 )
+
+GAMMA = 0.9
 
 ACTION_SPACE = spaces.Box(-1.0, 1.0, (2,), np.float32)
 
@@ -73,3 +78,36 @@ def filled_replay(
             )
         )
     return buffer
+
+
+def hybrid(logits: NDArray[np.float32] | None = None, **arguments: object) -> HybridReward:
+    """A hybrid reward whose discriminator always says `logits`."""
+    return HybridReward(HybridRewardConfig(**arguments), GAMMA, lambda _seen, _acts: logits)
+
+
+def driven(
+    seen: dict[str, NDArray[np.generic]],
+    draw: Draw,
+    env_reward: float = 0.0,
+    *,
+    end: End = End.GOES_ON,
+    executed: float = 0.0,
+    step: int = 1,
+) -> DrivenStep:
+    """A step that the policy drove, with the same executed steering and speed."""
+    transition = Transition(
+        image=seen["image"],
+        lidar=seen["lidar"],
+        speed=seen["speed"],
+        context=np.zeros(64, np.float32),
+        label=label(seen),
+        command=np.full(2, executed, np.float32),
+        mode=Mode.LANE_FOLLOWING,
+        episode=0,
+        step=step,
+        reward=env_reward,
+        terminated=end in (End.SUCCESS, End.FAILURE),
+        intervened=False,
+        expert_drove=False,
+    )
+    return DrivenStep(transition, end, Counts(steps=1), 0.0, draw)

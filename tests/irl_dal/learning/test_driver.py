@@ -9,8 +9,8 @@ import pytest
 import torch
 
 from irl_dal.learning.disturbance import DisturbanceConfig
-from irl_dal.learning.driver import DRIVEN, DrivenStep, Driver
-from irl_dal.learning.hybrid_reward import End
+from irl_dal.learning.driven_step import DrivenStep, End
+from irl_dal.learning.driver import DRIVEN, Driver
 from tests.irl_dal.learning.city import SHORT, new_driver, new_loop
 
 CALM = replace(SHORT, disturbance=DisturbanceConfig(rate=0.0))

@@ -17,7 +17,7 @@ import torch
 
 from irl_dal.checkpoint import CheckpointError, CheckpointStore, pack
 from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline, PPOConfig
-from irl_dal.learning.hybrid_reward import End
+from irl_dal.learning.driven_step import End
 from irl_dal.learning.metrics import read_metrics
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 

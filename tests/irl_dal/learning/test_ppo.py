@@ -13,13 +13,15 @@ from stable_baselines3.common.vec_env import DummyVecEnv
 from torch.distributions import Independent, Normal, kl_divergence
 
 from irl_dal.learning.behaviour_cloning import BehaviourCloning, CloningConfig
-from irl_dal.learning.hybrid_reward import End, HybridReward, HybridRewardConfig, StepOutcome
+from irl_dal.learning.driven_step import Draw
+from irl_dal.learning.hybrid_reward import HybridReward, HybridRewardConfig
 from irl_dal.learning.policy import PERCEIVED, PPOConfig, actor_parameters
 from irl_dal.learning.ppo import ActorRate, DrivingPPO, build_ppo, divergence, driving_policy
 from irl_dal.perception import PerceptionConfig
 from tests.irl_dal.learning.samples import (
     ACTION_SPACE,
     OBSERVATION_SPACE,
+    driven,
     filled_replay,
     observation,
 )
@@ -50,16 +52,13 @@ def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
     replay = filled_replay(100)
     cloning = BehaviourCloning(driving_policy(ppo), CloningConfig(learning_rate=1e-3))
     cloning.update(lambda: replay.sample(rng, 32), cloning_steps)
+    buffer = ppo.begin_rollout(64)
     for step in range(64):
-        seen = {key: value[None] for key, value in observation(rng).items()}
-        seen["image"] = seen["image"].transpose(0, 3, 1, 2)
+        seen = observation(rng)
         with torch.no_grad():
-            action, value, log_prob = ppo.policy({k: torch.from_numpy(v) for k, v in seen.items()})
-        drawn = action.numpy()
-        reward = float(-10.0 * drawn[0, 0])
-        ppo.rollout_buffer.annotate([StepOutcome(reward, drawn[0], End.GOES_ON)])  # type: ignore[attr-defined]
-        start = np.array([step == 0])
-        ppo.rollout_buffer.add(seen, drawn, np.array([reward]), start, value, log_prob)
+            action, value, log_prob = ppo.policy(ppo.policy.obs_to_tensor(dict(seen))[0])
+        draw = Draw(action[0].numpy(), float(value), float(log_prob))
+        buffer.store([driven(seen, draw, float(-10.0 * draw.action[0]), step=step)], [None])
     ppo.rollout_buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))
     return ppo
 
