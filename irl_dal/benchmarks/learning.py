@@ -16,7 +16,6 @@ from rich.table import Table
 from irl_dal.build import build_drivers, build_planner
 from irl_dal.config import RunConfig
 from irl_dal.learning import Pipeline
-from irl_dal.learning.demonstrations import demonstrations
 from irl_dal.learning.learners import Learners
 from irl_dal.memory import keep_freed_memory
 
@@ -50,7 +49,7 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
         )
         pipeline.learners.ppo.set_logger(pipeline.log.open(0))
         try:
-            for driven in demonstrations(drivers, steps):
+            for driven in pipeline.fleet.demonstrations(steps):
                 pipeline.recorder.take(driven)
             yield pipeline.learners
         finally:

@@ -30,16 +30,16 @@ from irl_dal.learning.policy import DrivingPolicy
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
-__all__ = ["DRIVEN", "Driver"]
+__all__ = ["Driver"]
 
 Weights = Mapping[str, NDArray[np.float32]]
 
-DRIVEN = "driven"
-"""Key of the `DrivenStep` in `info`."""
 
+class Driver(gymnasium.Env[Observation, NDArray[Any]]):
+    """Drives one car, its episodes one after another.
 
-class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[Any]]):
-    """The control loop of one car, its episodes one after another, with a small `info`.
+    An environment for the sake of its spaces and of stable-baselines3's processes; it is driven by
+    `demonstrate` and `drive`.
 
     The episodes of a run are numbered through; this car drives numbers `place`, `place + n_envs`,
     and so on. Their seeds begin at `first_seed`, so that evaluations with smaller seeds drive where
@@ -61,7 +61,7 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         seeds: np.random.SeedSequence,
         place: int,
     ) -> None:
-        super().__init__(loop)
+        self.observation_space, self.action_space = loop.observation_space, loop.action_space
         self.loop = loop
         self.policy = policy
         self.policy.generator = torch.Generator(policy.device)
@@ -103,27 +103,31 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         self._step, self._return, self._under_way = 0, 0.0, True
         return self._observation, {}
 
-    def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive with the policy's normalised action (2,)."""
-        error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
-        return self._told(self.loop.step(action), disagreement=float(error))
-
-    def step_expert(self) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """Drive with the expert's command; a disturbed step is not part of a demonstration."""
-        offset = self._disturbance.step()
-        return self._told(self.loop.step_expert(offset), expert_drove=offset is None)
-
     def demonstrate(self, steps: int) -> list[DrivenStep]:
         """Let the expert go on for some steps, into new episodes where one ends."""
-        return self._go_on(steps, self._expert_step)
+        return self._go_on(steps, self.expert_step)
 
     def drive(self, steps: int) -> list[DrivenStep]:
         """Let the policy go on for some steps, exploring, into new episodes where one ends."""
-        return self._go_on(steps, self._policy_step)
+        return self._go_on(steps, self._explore)
 
     def seen(self) -> Observation:
         """What the car sees now, after its newest step."""
         return self._observation
+
+    def expert_step(self) -> DrivenStep:
+        """One step with the expert's command; a disturbed one is not part of a demonstration."""
+        offset = self._disturbance.step()
+        return self._told(self.loop.step_expert(offset), expert_drove=offset is None)
+
+    def policy_step(self, action: NDArray[Any]) -> DrivenStep:
+        """One step with a policy's normalised action (2,)."""
+        error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
+        return self._told(self.loop.step(action), disagreement=float(error))
+
+    def close(self) -> None:
+        """Give the simulator back."""
+        self.loop.close()
 
     def _go_on(self, steps: int, step: Callable[[], DrivenStep]) -> list[DrivenStep]:
         driven = []
@@ -133,16 +137,12 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
             driven.append(step())
         return driven
 
-    def _expert_step(self) -> DrivenStep:
-        driven: DrivenStep = self.step_expert()[4][DRIVEN]
-        return driven
-
     @torch.no_grad()
-    def _policy_step(self) -> DrivenStep:
+    def _explore(self) -> DrivenStep:
         seen, _ = self.policy.obs_to_tensor(dict(self._observation))
         action, value, log_prob = self.policy(seen)
         draw = Draw(action[0].numpy(), float(value), float(log_prob))
-        driven: DrivenStep = self.step(np.clip(draw.action, -1.0, 1.0))[4][DRIVEN]
+        driven = self.policy_step(np.clip(draw.action, -1.0, 1.0))
         if driven.end is End.TIME_LIMIT:
             last, _ = self.policy.obs_to_tensor(dict(self._observation))
             draw = replace(draw, last_value=float(self.policy.predict_values(last)))
@@ -154,8 +154,8 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
         *,
         expert_drove: bool = False,
         disagreement: float = 0.0,
-    ) -> tuple[Observation, float, bool, bool, dict[str, Any]]:
-        """The step with all that is to be known of it in place of the loop's `info`."""
+    ) -> DrivenStep:
+        """All that is to be known of the loop's step."""
         observation, reward, terminated, truncated, info = result
         end = End.of(terminated, truncated, success=bool(info["success"]))
         transition = Transition(
@@ -174,13 +174,11 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
             expert_drove=expert_drove,
         )
         self._return += reward
-        driven = DrivenStep(
-            transition, end, self._counts(reward, info, end, disagreement), self._return
-        )
+        counts = self._counts(reward, info, end, disagreement)
         self._observation, self._info = observation, info
         self._step += 1
         self._under_way = end is End.GOES_ON
-        return observation, reward, terminated, truncated, {DRIVEN: driven}
+        return DrivenStep(transition, end, counts, self._return)
 
     def _counts(self, reward: float, info: dict[str, Any], end: End, disagreement: float) -> Counts:
         plan, certificate = info["plan"], info["certificate"]
@@ -203,4 +201,4 @@ class Driver(gymnasium.Wrapper[Observation, NDArray[Any], Observation, NDArray[A
 
 
 def _tensors(weights: Weights) -> dict[str, torch.Tensor]:
-    return {name: torch.from_numpy(values.copy()) for name, values in weights.items()}
+    return {name: torch.from_numpy(values) for name, values in weights.items()}

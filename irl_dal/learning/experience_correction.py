@@ -21,7 +21,9 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
+from irl_dal.learning.driven_step import DrivenStep
 from irl_dal.learning.policy import DrivingPolicy
+from irl_dal.learning.rollout_buffer import Correction
 
 __all__ = ["CorrectionForm", "ExperienceCorrection"]
 
@@ -58,6 +60,14 @@ class ExperienceCorrection:
     def replaces(self, intervened: bool) -> bool:
         """Whether the PPO buffer gets the expert's action in place of the policy's."""
         return intervened and self.form == "paper"
+
+    def of(self, step: DrivenStep, policy: DrivingPolicy) -> Correction | None:
+        """What the PPO buffer gets of a step in place of the policy's own draw, if anything."""
+        if not self.replaces(step.transition.intervened):
+            return None
+        seen, _ = policy.obs_to_tensor(dict(step.seen))
+        assert isinstance(seen, dict)
+        return self.expert_draw(policy, seen, step.transition.label)
 
     @staticmethod
     @torch.no_grad()

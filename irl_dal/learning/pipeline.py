@@ -2,10 +2,10 @@
 
 | line of Algorithm 1 | here |
 |---|---|
-| Observe o_t, a_t^* = FSM(o_t), execute, store | `demonstrations`, `Recorder.take` |
+| Observe o_t, a_t^* = FSM(o_t), execute, store | `Fleet.demonstrations`, `Recorder.take` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | `Driver.drive` |
+| Sample a_t^PPO, trigger, plan, blend, execute | `Fleet.drive` |
 | r_irl, r_t | `HybridRolloutBuffer` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
@@ -35,32 +35,25 @@ from irl_dal.checkpoint import CheckpointError, CheckpointStore
 from irl_dal.learning.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.critic import warm_start_critic
-from irl_dal.learning.demonstrations import demonstrations
 from irl_dal.learning.diffusion_training import DiffusionTraining
 from irl_dal.learning.discriminator import Discriminator
 from irl_dal.learning.driven_step import DrivenStep, End
 from irl_dal.learning.experience_correction import ExperienceCorrection
+from irl_dal.learning.fleet import Fleet
 from irl_dal.learning.hybrid_reward import HybridReward
 from irl_dal.learning.learners import Learners
 from irl_dal.learning.policy import DrivingPolicy, appraise
 from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.recorder import Recorder
-from irl_dal.learning.rollout_buffer import Correction, HybridRolloutBuffer
+from irl_dal.learning.rollout_buffer import HybridRolloutBuffer
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
 
 __all__ = ["Pipeline"]
 
-STREAMS = (
-    "policy",
-    "replay",
-    "rollout",
-    "discriminator",
-    "diffusion",
-    "critic",
-)
+STREAMS = ("policy", "replay", "rollout", "discriminator", "diffusion", "critic")
 """Independent random streams that the seed is split into."""
 
 MIXED_INTERVALS = (
@@ -91,7 +84,7 @@ class Pipeline:
 
     Attributes:
         step: Environment steps so far, of all cars together.
-        drivers: The cars.
+        fleet: The cars.
         replay: D_s.
         correction: Experience correction and its count.
         recorder: Counts what happens.
@@ -117,12 +110,12 @@ class Pipeline:
         self.correction = ExperienceCorrection(config.saec)
         seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
         self._rng = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
-        self.drivers = drivers
+        self.fleet = Fleet(drivers)
         self._planner = planner
         self.replay = _new_replay(config, drivers, planner)
         self.recorder = Recorder(self.replay, self.correction, config.n_envs)
         self.hybrid = HybridReward(config.reward, config.ppo.gamma, self._judge)
-        self.learners = self._build(perception, device)
+        self.learners = self._build(drivers, perception, device)
         self.log = RunLog(run_dir, self.recorder, observers)
         self._store = CheckpointStore(run_dir)
         self._provenance = dict(provenance or {})
@@ -184,15 +177,14 @@ class Pipeline:
         except (KeyError, RuntimeError, TypeError, ValueError) as error:
             what = str(error).splitlines()[0]
             raise CheckpointError(f"{checkpoint.folder}: does not fit this run ({what})") from None
-        for place, episode in enumerate(self.recorder.upcoming):
-            self.drivers.env_method("begin_at", episode, indices=[place])
+        self.fleet.begin_at(self.recorder.upcoming)
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def _build(self, perception: PerceptionConfig, device: str) -> Learners:
+    def _build(self, drivers: VecEnv, perception: PerceptionConfig, device: str) -> Learners:
         config, rng = self.config, self._rng
         ppo = build_ppo(
-            self.drivers,
+            drivers,
             config.ppo,
             perception,
             rng=rng["policy"],
@@ -233,7 +225,7 @@ class Pipeline:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
         log.begin("imitation", self.step, config.imitation_steps)
-        steps = demonstrations(self.drivers, config.imitation_steps - self.step)
+        steps = self.fleet.demonstrations(config.imitation_steps - self.step)
         while self.step < config.imitation_steps:
             with log.timed("driving"):
                 self.recorder.take(next(steps))
@@ -259,7 +251,7 @@ class Pipeline:
             size = min(config.ppo.n_steps, config.total_steps - self.step) // config.n_envs
             over = self._collect(ppo.begin_rollout(size))
             with self.log.timed("ppo"):
-                ppo.end_rollout(self._seen(), over)
+                ppo.end_rollout(self.fleet.seen(), over)
                 ppo.train()
             if self.step < config.total_steps:
                 self.save()
@@ -269,10 +261,11 @@ class Pipeline:
         driven: tuple[DrivenStep, ...] = ()
         while not buffer.full:
             with self.log.timed("driving"):
-                self._hand_on_weights()
-                stretch = min(self._undisturbed(), buffer.buffer_size - buffer.pos)
-                cars = self.drivers.env_method("drive", stretch)
-            for driven in zip(*cars, strict=True):
+                self.fleet.load_weights(self.policy, self._planner)
+                stretch = self.fleet.drive(
+                    min(self._undisturbed(), buffer.buffer_size - buffer.pos)
+                )
+            for driven in stretch:
                 self._keep(buffer, driven)
             # What is due after the very last step comes after PPO's last update, in `_finish`.
             if self.step < self.config.total_steps:
@@ -291,22 +284,7 @@ class Pipeline:
         for step in driven:
             self.recorder.take(step)
             self._advance()
-        buffer.store(driven, [self._correction_of(step) for step in driven])
-
-    def _correction_of(self, step: DrivenStep) -> Correction | None:
-        if not self.correction.replaces(step.transition.intervened):
-            return None
-        seen, _ = self.policy.obs_to_tensor(dict(step.seen))
-        assert isinstance(seen, dict)
-        return self.correction.expert_draw(self.policy, seen, step.transition.label)
-
-    def _seen(self) -> dict[str, torch.Tensor]:
-        """What the cars see now, batched."""
-        cars = self.drivers.env_method("seen")
-        together = {key: np.stack([seen[key] for seen in cars]) for key in cars[0]}
-        tensors, _ = self.policy.obs_to_tensor(together)
-        assert isinstance(tensors, dict)
-        return tensors
+        buffer.store(driven, [self.correction.of(step, self.policy) for step in driven])
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""
@@ -329,11 +307,6 @@ class Pipeline:
         if self._due(config.bc_interval_mixed):
             with log.timed("bc"):
                 learners.clone(config.cloning.steps_mixed)
-
-    def _hand_on_weights(self) -> None:
-        """Let the cars drive and plan with the newest ones."""
-        planner = None if self._planner is None else _arrays(self._planner.denoiser)
-        self.drivers.env_method("load_weights", _arrays(self.policy), planner)
 
     def _due(self, interval: int) -> bool:
         """Whether the newest steps, one in phase 1 and one of each car in phase 2, complete one."""
@@ -418,7 +391,3 @@ def _new_replay(
         beams=beams,
         held_out_every=config.held_out_every,
     )
-
-
-def _arrays(network: torch.nn.Module) -> dict[str, NDArray[Any]]:
-    return {name: values.numpy() for name, values in network.state_dict().items()}

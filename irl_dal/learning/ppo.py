@@ -94,7 +94,7 @@ class DrivingPPO(PPO):
         return buffer
 
     @torch.no_grad()
-    def end_rollout(self, seen: dict[str, Tensor], over: NDArray[np.bool_]) -> None:
+    def end_rollout(self, seen: dict[str, NDArray[Any]], over: NDArray[np.bool_]) -> None:
         """Returns and advantages of the complete rollout.
 
         Args:
@@ -103,7 +103,8 @@ class DrivingPPO(PPO):
         """
         buffer = self.rollout_buffer
         assert isinstance(buffer, HybridRolloutBuffer)
-        buffer.compute_returns_and_advantage(self.policy.predict_values(seen), over)
+        last, _ = self.policy.obs_to_tensor(seen)
+        buffer.compute_returns_and_advantage(self.policy.predict_values(last), over)
         self.logger.record("reward/env", float(buffer.env_rewards.mean()))
         self.logger.record("reward/imitation", float(buffer.imitation_rewards.mean()))
         self.logger.record("reward/failures", int((buffer.ends == End.FAILURE).sum()))

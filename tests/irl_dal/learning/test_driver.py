@@ -10,7 +10,7 @@ import torch
 
 from irl_dal.learning.disturbance import DisturbanceConfig
 from irl_dal.learning.driven_step import DrivenStep, End
-from irl_dal.learning.driver import DRIVEN, Driver
+from irl_dal.learning.driver import Driver
 from tests.irl_dal.learning.city import SHORT, new_driver, new_loop
 
 CALM = replace(SHORT, disturbance=DisturbanceConfig(rate=0.0))
@@ -29,12 +29,12 @@ def test_each_transition_joins_a_state_with_its_own_label_and_the_command_that_f
     total = 0.0
     for step, action in enumerate(np.random.default_rng(0).uniform(-0.3, 0.3, (12, 2))):
         if step < 6:
-            *_, told = driver.step_expert()
+            told = driver.expert_step()
             after = loop.step_expert()
         else:
-            *_, told = driver.step(action)
+            told = driver.policy_step(action)
             after = loop.step(action)
-        driven, known = told[DRIVEN].transition, after[4]
+        driven, known = told.transition, after[4]
         total += after[1]
         assert np.array_equal(driven.image, observation["image"])
         assert np.array_equal(driven.lidar, observation["lidar"])
@@ -46,7 +46,7 @@ def test_each_transition_joins_a_state_with_its_own_label_and_the_command_that_f
         assert driven.expert_drove == (step < 6)
         assert driven.intervened == (step >= 6)
         assert (driven.episode, driven.step) == (0, step)
-        assert told[DRIVEN].episode_return == pytest.approx(total)
+        assert told.episode_return == pytest.approx(total)
         observation, info = after[0], known
 
 
@@ -60,7 +60,7 @@ def test_the_step_that_ends_an_episode_says_how() -> None:
     driver.reset(seed=1)
     steps: list[DrivenStep] = []
     while not steps or steps[-1].end is End.GOES_ON:
-        steps.append(driver.step(np.ones(2, np.float32))[4][DRIVEN])
+        steps.append(driver.policy_step(np.ones(2, np.float32)))
     assert steps[-1].end is End.FAILURE
     assert sum(step.counts.policy_violations for step in steps) > 0
     assert sum(step.counts.command_violations for step in steps) == 0
@@ -73,7 +73,7 @@ def test_a_disturbed_step_keeps_the_clean_label_and_is_no_demonstration() -> Non
     for config in (CALM, PUSHED):
         driver = new_driver(config)
         driver.reset(seed=7)
-        steps.append(driver.step_expert()[4][DRIVEN].transition)
+        steps.append(driver.expert_step().transition)
     calm, pushed = steps
     assert np.array_equal(calm.label, pushed.label)
     assert not np.array_equal(calm.command, pushed.command)
@@ -151,11 +151,11 @@ def test_the_planners_noise_is_the_episodes_own() -> None:
     fresh, busy = new_driver(activation="always"), new_driver(activation="always")
     busy.reset()
     for _ in range(3):
-        busy.step(STILL)
+        busy.policy_step(STILL)
     for driver in (fresh, busy):
         driver.begin_at(4)
         driver.reset()
-    mine, theirs = (driver.step(STILL)[4][DRIVEN].transition for driver in (fresh, busy))
+    mine, theirs = (driver.policy_step(STILL).transition for driver in (fresh, busy))
     assert np.array_equal(mine.command, theirs.command)
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from irl_dal.learning import HybridRolloutBuffer
-from irl_dal.learning.driver import DRIVEN
 from irl_dal.learning.learners import _evenly
 from tests.irl_dal.learning.city import SHORT, new_driver, new_pipeline
 
@@ -51,7 +50,7 @@ def test_a_part_of_each_cloning_batch_is_corrected_steps(tmp_path: Path) -> None
         pipeline.recorder.take(driven)
     assert not learners._cloning_batch().intervened.any()
     for _ in range(2):
-        pipeline.recorder.take(driver.step(np.zeros(2, np.float32))[4][DRIVEN])
+        pipeline.recorder.take(driver.policy_step(np.zeros(2, np.float32)))
     batch = learners._cloning_batch()
     assert len(batch) == 16
     assert batch.intervened.sum() >= 4

@@ -161,7 +161,7 @@ def test_a_broken_run_goes_on_from_its_last_checkpoint(
 def test_cars_in_processes_of_their_own_drive_the_same_run(
     finished: Pipeline, tmp_path: Path
 ) -> None:
-    """The expert ahead of the learners, the policy's two cars side by side: the same weights."""
+    """Expert and policy, two cars side by side: the same weights as in one process."""
     drivers = new_drivers(processes=True)
     try:
         pipeline = new_pipeline(tmp_path, drivers=drivers)

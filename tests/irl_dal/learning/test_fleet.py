@@ -1,12 +1,12 @@
-"""The expert's steps as one stream."""
+"""The cars together."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from irl_dal.learning import demonstrations as module
-from irl_dal.learning.demonstrations import demonstrations
+from irl_dal.learning import fleet
+from irl_dal.learning.fleet import Fleet
 from tests.irl_dal.learning.city import new_drivers
 
 
@@ -14,10 +14,10 @@ def test_cars_in_processes_drive_the_same_steps_in_the_same_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Many small blocks, an odd number of steps, an end of episodes in between."""
-    monkeypatch.setattr(module, "BLOCK", 20)
+    monkeypatch.setattr(fleet, "BLOCK", 20)
     near, far = new_drivers(), new_drivers(processes=True)
     try:
-        ours, theirs = list(demonstrations(near, 131)), list(demonstrations(far, 131))
+        ours, theirs = list(Fleet(near).demonstrations(131)), list(Fleet(far).demonstrations(131))
     finally:
         far.close()
     assert len(ours) == len(theirs) == 132
