@@ -8,7 +8,7 @@ __all__ = ["DriverProcesses"]
 
 
 class DriverProcesses(SubprocVecEnv):
-    """Can be closed at any moment, in the middle of a step too.
+    """Can be closed at any moment, in the middle of a stretch too.
 
     Whoever is interrupted has heard from some cars and not from others, and stable-baselines3 would
     wait for those whose answer it has already. Nothing in these processes needs an orderly end.
