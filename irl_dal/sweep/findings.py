@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 
@@ -89,7 +90,7 @@ def _words(mode: Mode) -> str:
 
 
 def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
-    """Whether the variants of the paper are in its order."""
+    """Whether the variants of the paper are in its order, each of them behind none before it."""
     names = [name for name in ORDER if name in found and name != "paper"]
     sign = 1.0 if rising else -1.0
     values = [found[name][key].value for name in names]
@@ -98,7 +99,7 @@ def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
         return ""
     wrong = [
         f"{label(after)} behind {label(before)} ({_apart(found[before][key], found[after][key])})"
-        for before, after, one, two in zip(names, names[1:], numbers, numbers[1:], strict=False)
+        for (before, one), (after, two) in combinations(zip(names, numbers, strict=True), 2)
         if two < one
     ]
     if not wrong:

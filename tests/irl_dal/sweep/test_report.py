@@ -183,6 +183,19 @@ def test_the_findings_say_who_is_out_of_order(
     assert words in said
 
 
+def test_the_findings_compare_a_variant_with_all_before_it(result: RunResult) -> None:
+    """The third may be ahead of the second and still behind the first."""
+    first, second, third = (
+        runs_of(result, variant, [success])
+        for variant, success in (("ppo_uniform", 0.8), ("fsm_replay", 0.6), ("diffusion", 0.7))
+    )
+    c = Collection(first + second + third, ())
+    said = findings(c, numbers(c, np.random.default_rng(0)))[0]
+    assert "FSM replay behind PPO, uniform replay" in said
+    assert "diffusion planner behind PPO, uniform replay" in said
+    assert "behind + FSM replay" not in said
+
+
 def test_interventions_are_those_of_the_mixed_phase(result: RunResult) -> None:
     """What comes before it does not count."""
     run = replace(
