@@ -15,14 +15,14 @@ from gymnasium import spaces
 from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from expert import FSMExpert
-from irl_dal.checkpoint import CheckpointError, CheckpointStore
+from irl_dal.cli.threads import stay_on_one_thread
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityEnv
 from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
-from irl_dal.threads import stay_on_one_thread
+from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore
 from shield import SafetyFilter
 
 __all__ = [

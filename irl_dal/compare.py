@@ -11,17 +11,17 @@ from pathlib import Path
 from omegaconf import DictConfig, OmegaConf
 from rich.console import Console
 
-from irl_dal.command import run_command
+from irl_dal.cli.command import run_command
+from irl_dal.cli.overrides import changed, stated, unchanged
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
-from irl_dal.comparison.page import write_page
+from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.store import ComparisonStore
 from irl_dal.comparison.suite import compare
 from irl_dal.comparison.table import comparison_tables
-from irl_dal.comparison.work import Subject
 from irl_dal.config import ConfigError, parse
-from irl_dal.evaluation.report import write_json
-from irl_dal.overrides import changed, stated, unchanged
-from irl_dal.runs import open_run
+from irl_dal.evaluation.summary import write_json
+from irl_dal.figures.comparison_page import write_page
+from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]
 

@@ -12,13 +12,13 @@ from pathlib import Path
 from omegaconf import DictConfig
 from rich.console import Console
 
-from irl_dal.command import run_command
+from irl_dal.cli.command import run_command
+from irl_dal.cli.overrides import changed, stated, unchanged
 from irl_dal.config import ConfigError, RunConfig, parse
-from irl_dal.evaluation.bench import AgentSpec
-from irl_dal.evaluation.report import evaluation_table, write_json
+from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.evaluation.suite import evaluate
-from irl_dal.overrides import changed, stated, unchanged
-from irl_dal.runs import open_run
+from irl_dal.evaluation.summary import evaluation_table, write_json
+from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]
 

@@ -17,14 +17,14 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from irl_dal.build import build_drivers, build_planner
-from irl_dal.command import run_command
+from irl_dal.cli.command import run_command
+from irl_dal.cli.overrides import stated, unchanged
+from irl_dal.cli.threads import GRADIENT_THREADS, one_thread
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.memory import keep_freed_memory
-from irl_dal.overrides import stated, unchanged
-from irl_dal.runs import RunFolder, create_run, default_run_dir, open_run, provenance
-from irl_dal.threads import GRADIENT_THREADS, one_thread
+from irl_dal.storage.run_folder import RunFolder, create_run, default_run_dir, open_run, provenance
 
 __all__ = ["main"]
 

@@ -7,23 +7,23 @@ bounds it by what is around the car; the trackers and the trigger tell when to w
 package's README.
 """
 
-from shield.barrier import BarrierConfig, ObstacleBarrier
-from shield.certificate import BatchProjection, Certificate, Projection, Status
-from shield.command_bounds import CommandBounds
 from shield.errors import InvalidLimits, InvalidProblem, MissingDependency, ShieldError
-from shield.estimation import (
+from shield.estimation.clusters import ClusterTracker, Track
+from shield.estimation.trackers import (
     ClearanceEstimate,
     ClearanceTracker,
     LaneEstimate,
     LaneMeasurement,
     LaneTracker,
 )
-from shield.limits import ActuatorLimits
-from shield.projection import HorizonProjector
+from shield.limits.actuator_limits import ActuatorLimits
+from shield.limits.command_bounds import CommandBounds
+from shield.projection.certificate import BatchProjection, Certificate, Projection, Status
+from shield.projection.projector import HorizonProjector
 from shield.safety_filter import SafetyFilter
-from shield.tracking import ClusterTracker, Track
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
 from shield.vehicle import KinematicBicycle
+from shield.world import BarrierConfig, ObstacleBarrier
 
 __all__ = [
     "ActuatorLimits",

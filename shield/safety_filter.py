@@ -7,14 +7,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from shield.arguments import as_array, as_horizon
-from shield.certificate import Certificate, Projection, Status
-from shield.command_bounds import CommandBounds
 from shield.errors import InvalidProblem
-from shield.fallback import FallbackPlan
-from shield.limits import ActuatorLimits
-from shield.projection import HorizonProjector
-from shield.repair import Bounds, worst_excess
-from shield.solvers import SolverFactory
+from shield.limits.actuator_limits import ActuatorLimits
+from shield.limits.command_bounds import CommandBounds
+from shield.projection.certificate import Certificate, Projection, Status
+from shield.projection.fallback import FallbackPlan
+from shield.projection.projector import HorizonProjector
+from shield.projection.repair import Bounds, worst_excess
+from shield.projection.solvers import SolverFactory
 
 __all__ = ["SafetyFilter"]
 

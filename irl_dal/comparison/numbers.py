@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.comparison.arms import Arm
+from irl_dal.comparison.settings import Arm
 from irl_dal.comparison.store import ComparisonStore
 from irl_dal.evaluation.metrics import STATISTICS, Value, latencies
 from irl_dal.evaluation.statistics import Estimate, difference, estimate

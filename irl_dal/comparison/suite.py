@@ -12,14 +12,14 @@ from rich.console import Console
 from rich.progress import Progress
 
 import irl_dal
-from irl_dal.checkpoint import CheckpointStore
-from irl_dal.comparison.arms import Arm, arms_of, state_arms
+from irl_dal.comparison.drive import Subject, Work, arm_bench, drive_arm, plan_in_states
 from irl_dal.comparison.numbers import summarise
-from irl_dal.comparison.work import Subject, Work, arm_bench, drive_arm, plan_in_states
+from irl_dal.comparison.settings import Arm, arms_of, state_arms
 from irl_dal.config import to_mapping
 from irl_dal.evaluation.workers import CHUNK, progress_bar
-from irl_dal.fingerprint import fingerprint
-from irl_dal.runs import provenance
+from irl_dal.storage.checkpoint import CheckpointStore
+from irl_dal.storage.fingerprint import fingerprint
+from irl_dal.storage.run_folder import provenance
 
 __all__ = ["compare", "settings_of"]
 

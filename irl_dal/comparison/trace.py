@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.comparison.arms import Arm
-from irl_dal.comparison.work import Subject, arm_bench, arm_planner, risky_contexts
+from irl_dal.comparison.drive import Subject, arm_bench, arm_planner, risky_contexts
+from irl_dal.comparison.settings import Arm
 from irl_dal.planner import Plan, PlanningContext, Refinement
 from irl_dal.planner.projection import defect
 

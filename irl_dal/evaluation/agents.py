@@ -10,7 +10,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from irl_dal.learning.policy import DrivingPolicy, mean_action
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, mean_action
 from irl_dal.loop import ControlLoop, Observation
 
 __all__ = ["Agent", "ExpertAgent", "PolicyAgent", "RandomAgent", "StepResult"]

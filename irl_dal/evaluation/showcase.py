@@ -6,16 +6,16 @@ from pathlib import Path
 
 from rich.console import Console
 
+from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.bench import AgentSpec, Bench
-from irl_dal.evaluation.figures import draw_training
 from irl_dal.evaluation.measurements import Measurements
-from irl_dal.evaluation.report import evaluation_table, write_json
+from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.suite import evaluate
-from irl_dal.evaluation.video import DriveFilm
-from irl_dal.runs import RunFolder
-from irl_dal.threads import one_thread
+from irl_dal.evaluation.summary import evaluation_table, write_json
+from irl_dal.figures.evaluation import draw_training
+from irl_dal.figures.video import DriveFilm
+from irl_dal.storage.run_folder import RunFolder
 
 __all__ = ["film_drive", "show_run", "telling_seed"]
 

@@ -15,9 +15,8 @@ from rich.console import Console
 import expert
 import irl_dal.envs
 import shield
-from irl_dal.checkpoint import CheckpointStore
+from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig, to_mapping
-from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.measurements import (
     HeldOutActions,
     Measurements,
@@ -26,11 +25,12 @@ from irl_dal.evaluation.measurements import (
 )
 from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.references import ReferenceCache
+from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.rollout import spread_steps
 from irl_dal.evaluation.workers import Workers
-from irl_dal.fingerprint import fingerprint
-from irl_dal.runs import RunFolder, provenance
-from irl_dal.threads import one_thread
+from irl_dal.storage.checkpoint import CheckpointStore
+from irl_dal.storage.fingerprint import fingerprint
+from irl_dal.storage.run_folder import RunFolder, provenance
 
 __all__ = ["Evaluation", "evaluate"]
 

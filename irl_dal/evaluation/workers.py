@@ -10,9 +10,9 @@ from joblib import Memory, Parallel, delayed
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.bench import AgentSpec, Bench
-from irl_dal.threads import one_thread
+from irl_dal.evaluation.rig import AgentSpec, Bench
 
 __all__ = ["CHUNK", "Workers", "progress_bar"]
 

@@ -5,13 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
-from irl_dal.learning.behaviour_cloning import CloningConfig
-from irl_dal.learning.diffusion_training import DiffusionTrainingConfig
-from irl_dal.learning.discriminator import DiscriminatorConfig
-from irl_dal.learning.disturbance import DisturbanceConfig
-from irl_dal.learning.experience_correction import CorrectionForm
-from irl_dal.learning.hybrid_reward import HybridRewardConfig
-from irl_dal.learning.policy import PPOConfig
+from irl_dal.learning.imitation.behaviour_cloning import CloningConfig
+from irl_dal.learning.imitation.diffusion_training import DiffusionTrainingConfig
+from irl_dal.learning.imitation.disturbance import DisturbanceConfig
+from irl_dal.learning.imitation.experience_correction import CorrectionForm
+from irl_dal.learning.reinforcement.discriminator import DiscriminatorConfig
+from irl_dal.learning.reinforcement.hybrid_reward import HybridRewardConfig
+from irl_dal.learning.reinforcement.policy import PPOConfig
 
 __all__ = ["LearningConfig"]
 

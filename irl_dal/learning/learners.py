@@ -8,14 +8,14 @@ from numpy.typing import NDArray
 from torch import Tensor
 
 from expert.replay import ReplayBatch, ReplayBuffer
-from irl_dal.learning.behaviour_cloning import BehaviourCloning
+from irl_dal.cli.threads import GRADIENT_THREADS, threads
 from irl_dal.learning.config import LearningConfig
-from irl_dal.learning.diffusion_training import DiffusionTraining
-from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.policy import observation_tensors
-from irl_dal.learning.ppo import DrivingPPO, driving_policy
-from irl_dal.learning.rollout_buffer import HybridRolloutBuffer, flat
-from irl_dal.threads import GRADIENT_THREADS, threads
+from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
+from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
+from irl_dal.learning.reinforcement.discriminator import Discriminator
+from irl_dal.learning.reinforcement.policy import observation_tensors
+from irl_dal.learning.reinforcement.ppo import DrivingPPO, driving_policy
+from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer, flat
 
 __all__ = ["Learners"]
 

@@ -31,25 +31,25 @@ from numpy.typing import NDArray
 from stable_baselines3.common.vec_env import VecEnv
 
 from expert.replay import ReplayBuffer
-from irl_dal.checkpoint import CheckpointError, CheckpointStore
-from irl_dal.learning.behaviour_cloning import BehaviourCloning
+from irl_dal.learning.collection.recorder import Recorder
+from irl_dal.learning.collection.step_record import DrivenStep, End
+from irl_dal.learning.collection.vec_driver import Fleet
 from irl_dal.learning.config import LearningConfig
-from irl_dal.learning.critic import warm_start_critic
-from irl_dal.learning.diffusion_training import DiffusionTraining
-from irl_dal.learning.discriminator import Discriminator
-from irl_dal.learning.driven_step import DrivenStep, End
-from irl_dal.learning.experience_correction import ExperienceCorrection
-from irl_dal.learning.fleet import Fleet
-from irl_dal.learning.hybrid_reward import HybridReward
+from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
+from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
+from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
 from irl_dal.learning.learners import Learners
-from irl_dal.learning.policy import DrivingPolicy, appraise
-from irl_dal.learning.ppo import build_ppo, driving_policy
 from irl_dal.learning.progress import Observer
-from irl_dal.learning.recorder import Recorder
-from irl_dal.learning.rollout_buffer import HybridRolloutBuffer
+from irl_dal.learning.reinforcement.critic import warm_start_critic
+from irl_dal.learning.reinforcement.discriminator import Discriminator
+from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, appraise
+from irl_dal.learning.reinforcement.ppo import build_ppo, driving_policy
+from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
+from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore
 
 __all__ = ["Pipeline"]
 

@@ -31,10 +31,10 @@ from pathlib import Path
 
 from stable_baselines3.common.logger import Logger
 
-from irl_dal.learning.counts import Counts
+from irl_dal.learning.collection.counts import Counts
+from irl_dal.learning.collection.recorder import Recorder
 from irl_dal.learning.metrics import metrics_logger
 from irl_dal.learning.progress import Observer
-from irl_dal.learning.recorder import Recorder
 
 __all__ = ["RunLog"]
 

@@ -26,7 +26,7 @@ from irl_dal.planner.plan import Plan
 from irl_dal.planner.projection import PlanProjection
 from irl_dal.planner.sampler import Refinement
 from shield import ActuatorLimits, ClearanceEstimate, HorizonProjector, LaneEstimate, Status
-from shield.fallback import FallbackPlan
+from shield.projection.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
 

@@ -10,7 +10,7 @@ from rich.console import Console
 
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.workers import progress_bar
-from irl_dal.runs import open_run
+from irl_dal.storage.run_folder import open_run
 from irl_dal.sweep.result import RunResult, read_result, summarise_run
 
 __all__ = ["ORDER", "Collection", "collect"]

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from expert.modes import Mode
+from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.bench import AgentSpec, Bench
-from irl_dal.evaluation.report import write_json
+from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.summary import write_json
 from irl_dal.learning.metrics import read_metrics
-from irl_dal.runs import RunFolder
-from irl_dal.threads import one_thread
+from irl_dal.storage.run_folder import RunFolder
 
 __all__ = [
     "CURVES",

@@ -13,7 +13,7 @@ from rich.text import Text
 
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.statistics import Estimate
-from irl_dal.files import write_text
+from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.aggregate import across_runs
 from irl_dal.sweep.collection import Collection
 

@@ -9,7 +9,7 @@ import numpy as np
 from shield.bench.estimation import tracking_against_raw
 from shield.bench.projection import batch_against_loop, growth, single_against_bare
 from shield.bench.report import machine, plot_growth, print_table, write_json
-from shield.limits import ActuatorLimits
+from shield.limits.actuator_limits import ActuatorLimits
 
 HORIZONS = [4, 8, 16, 32, 64]
 BATCHES = [1, 4, 16, 64, 256, 1024, 4096]

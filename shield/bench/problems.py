@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.limits import ActuatorLimits
+from shield.limits.actuator_limits import ActuatorLimits
 
 __all__ = ["bending_problems", "random_problems"]
 

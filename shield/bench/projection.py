@@ -13,10 +13,10 @@ from scipy import sparse
 
 from shield.bench.problems import bending_problems, random_problems
 from shield.bench.timing import Timing, take_turns
-from shield.constraints import BoxLimit, RateLimit, Rows, stack_rows
-from shield.limits import ActuatorLimits
-from shield.projection import HorizonProjector
-from shield.solvers import OsqpSolver
+from shield.limits.actuator_limits import ActuatorLimits
+from shield.limits.constraints import BoxLimit, RateLimit, Rows, stack_rows
+from shield.projection.projector import HorizonProjector
+from shield.projection.solvers import OsqpSolver
 
 __all__ = ["batch_against_loop", "growth", "single_against_bare"]
 

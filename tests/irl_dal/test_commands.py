@@ -9,7 +9,7 @@ import yaml
 
 from irl_dal import evaluate, train
 from irl_dal.learning.metrics import read_metrics
-from irl_dal.runs import open_run
+from irl_dal.storage.run_folder import open_run
 
 TINY = (
     "preset=smoke",

@@ -5,7 +5,7 @@ import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
-from irl_dal.command import CONFIG_FOLDER
+from irl_dal.cli.command import CONFIG_FOLDER
 from irl_dal.config import (
     GROUPS,
     ConfigError,

@@ -80,7 +80,7 @@ def best_objective(limits: ActuatorLimits, nominal: Array, previous: Array) -> f
 
 
 def quadratic_program(limits: ActuatorLimits, nominal: Array, previous: Array) -> qpsolvers.Problem:
-    """Return the projection onto G1 and G2, written down without `shield.constraints`."""
+    """Return the projection onto G1 and G2, written down without `shield.limits.constraints`."""
     size = nominal.size
     rows, bounds = [], []
     for index in range(size):

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from irl_dal import compare
-
-from .tiny import tiny_config, untrained_run
+from tests.irl_dal.comparison.tiny import tiny_config, untrained_run
 
 Call = Callable[..., str]
 

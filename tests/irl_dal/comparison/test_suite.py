@@ -7,17 +7,16 @@ import numpy as np
 import pytest
 
 from irl_dal.comparison import suite
-from irl_dal.comparison.arms import Arm, arms_of
+from irl_dal.comparison.drive import arm_bench, arm_planner, plan_log, risky_contexts
+from irl_dal.comparison.settings import Arm, arms_of
 from irl_dal.comparison.suite import compare
-from irl_dal.comparison.work import arm_bench, arm_planner, plan_log, risky_contexts
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.bench import Bench
 from irl_dal.evaluation.measurements import Measurements
 from irl_dal.evaluation.metrics import compute_metrics
+from irl_dal.evaluation.rig import Bench
 from irl_dal.planner import ProjectionMode
-
-from .conftest import Compared
-from .tiny import TINY, tiny_subject
+from tests.irl_dal.comparison.tiny import TINY, tiny_subject
+from tests.irl_dal.conftest import Compared
 
 
 def numbers(report: dict[str, object]) -> dict[str, Any]:

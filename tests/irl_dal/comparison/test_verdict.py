@@ -5,8 +5,7 @@ from rich.console import Console
 
 from irl_dal.comparison.table import comparison_tables
 from irl_dal.comparison.verdict import champion, findings
-
-from .conftest import Compared
+from tests.irl_dal.conftest import Compared
 
 
 def report(**modes: tuple[float, float, float]) -> dict[str, object]:

@@ -9,14 +9,14 @@ import torch
 from gymnasium import spaces
 
 from irl_dal.build import build_loop, build_planner, supervision
-from irl_dal.checkpoint import CheckpointStore
 from irl_dal.comparison.config import ComparisonConfig
+from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.store import ComparisonStore
-from irl_dal.comparison.work import Subject
 from irl_dal.config import RunConfig
 from irl_dal.learning import build_policy
 from irl_dal.planner import DenoiserConfig
-from irl_dal.runs import create_run
+from irl_dal.storage.checkpoint import CheckpointStore
+from irl_dal.storage.run_folder import create_run
 from shield import TriggerConfig
 
 TINY = ComparisonConfig(

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from irl_dal.benchmarks.drive import expert_drives
+from irl_dal.bench.drive import expert_drives
 from irl_dal.envs import FAULTS, CityConfig, CityEnv
 
 ENOUGH = 10.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.config import EvaluationConfig
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.plan_log import PlanLog
+from irl_dal.evaluation.rig import AgentSpec, Bench
 
 
 def small_config(**extent: float) -> RunConfig:

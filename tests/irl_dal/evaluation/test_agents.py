@@ -2,9 +2,8 @@ import numpy as np
 import torch
 
 from irl_dal.evaluation.agents import ExpertAgent, PolicyAgent, RandomAgent
+from tests.irl_dal.evaluation.small import small_bench
 from tests.irl_dal.learning.samples import new_policy, observation
-
-from .small import small_bench
 
 
 def test_the_policys_answer_is_what_stable_baselines3_predicts() -> None:

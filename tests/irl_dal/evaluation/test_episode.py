@@ -3,8 +3,7 @@ import pytest
 
 from irl_dal.evaluation.episode import EpisodeRecorder
 from irl_dal.loop import SOURCES
-
-from .small import small_bench, written_episode
+from tests.irl_dal.evaluation.small import small_bench, written_episode
 
 
 def test_recorder_keeps_what_the_loop_says() -> None:

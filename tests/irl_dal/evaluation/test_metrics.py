@@ -12,8 +12,7 @@ from irl_dal.evaluation.measurements import (
 )
 from irl_dal.evaluation.metrics import METRICS, STATISTICS, compute_metrics, metric_rows
 from shield import ActuatorLimits
-
-from .small import plan_log, written_episode
+from tests.irl_dal.evaluation.small import plan_log, written_episode
 
 LIMITS = ActuatorLimits()
 

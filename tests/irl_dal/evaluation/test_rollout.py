@@ -10,8 +10,7 @@ from irl_dal.evaluation.agents import ExpertAgent, RandomAgent, StepResult
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, spread_steps
 from irl_dal.loop import ControlLoop, Observation
-
-from .small import small_bench, small_config
+from tests.irl_dal.evaluation.small import small_bench, small_config
 
 SEED = 10_007
 

@@ -3,11 +3,10 @@ from pathlib import Path
 
 import pytest
 
-from irl_dal.evaluation.bench import AgentSpec, Bench
 from irl_dal.evaluation.references import ReferenceCache
+from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.suite import evaluate
-
-from .small import small_config
+from tests.irl_dal.evaluation.small import small_config
 
 
 def comparable(report: dict[str, object]) -> dict[str, object]:

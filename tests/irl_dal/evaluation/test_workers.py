@@ -4,10 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from irl_dal.evaluation.bench import AgentSpec, Bench
+from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.workers import Workers
-
-from .small import small_config
+from tests.irl_dal.evaluation.small import small_config
 
 
 def note(_bench: Bench, item: tuple[Path, int]) -> int:

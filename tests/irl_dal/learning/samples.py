@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import ReplayBuffer, Transition
-from irl_dal.learning.counts import Counts
-from irl_dal.learning.driven_step import Draw, DrivenStep, End
-from irl_dal.learning.hybrid_reward import HybridReward, HybridRewardConfig
-from irl_dal.learning.policy import DrivingPolicy, PPOConfig, build_policy
+from irl_dal.learning.collection.counts import Counts
+from irl_dal.learning.collection.step_record import Draw, DrivenStep, End
+from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRewardConfig
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, PPOConfig, build_policy
 from irl_dal.perception import PerceptionConfig
 
 OBSERVATION_SPACE = spaces.Dict(

@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 import torch
 
-from irl_dal.checkpoint import CheckpointError, CheckpointStore, pack
 from irl_dal.learning import HybridRolloutBuffer, LearningConfig, Pipeline, PPOConfig
-from irl_dal.learning.driven_step import End
+from irl_dal.learning.collection.step_record import End
 from irl_dal.learning.metrics import read_metrics
+from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 
 

@@ -22,9 +22,8 @@ from irl_dal.sweep.collection import Collection, collect
 from irl_dal.sweep.findings import findings, interventions, replay_shares
 from irl_dal.sweep.result import REPLAY, RunResult, read_result, write_result
 from irl_dal.sweep.table import numbers
-
-from ..comparison.test_page import CHROMIUM, opened
-from ..test_commands import TINY
+from tests.irl_dal.figures.test_comparison_page import CHROMIUM, opened
+from tests.irl_dal.test_commands import TINY
 
 Call = Callable[..., str]
 

@@ -1,0 +1,1 @@
+"""Command lines: overrides, errors in one line, threads."""

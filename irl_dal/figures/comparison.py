@@ -1,0 +1,246 @@
+"""The page's figures: numbers with intervals, a plan being denoised, commands in their bounds."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, Column
+from irl_dal.comparison.trace import DenoisingTrace
+from irl_dal.envs.road import LANE_WIDTH
+from irl_dal.evaluation.episode import Episode
+from irl_dal.figures import GREY, drawing
+from irl_dal.planner import PlanningContext
+from irl_dal.planner.energy.clearance import scan_points
+from irl_dal.planner.rollout import ego_rollout
+from shield import ActuatorLimits
+
+__all__ = [
+    "MODE_COLOURS",
+    "draw_commands",
+    "draw_denoising",
+    "draw_differences",
+    "draw_numbers",
+    "draw_paths",
+]
+
+Array = NDArray[np.float64]
+
+MODE_COLOURS = {
+    "none": "#e573a5",
+    "final": "#f2a007",
+    "x0": "#1f77d0",
+    "xt": "#7e57c2",
+    "adaptive": "#00897b",
+}
+"""One colour per projection mode, in every figure."""
+
+SHOWN = (
+    "command_violation_rate",
+    "success",
+    "collisions_per_1k_steps",
+    "correction_norm",
+    "comfort_rms_jerk",
+    "ade_m",
+)
+"""Numbers that get a panel."""
+
+OFF = "#d50000"
+"""What is out of bounds."""
+
+SHORTEST_VIEW = 10.0
+"""How far ahead paths are shown at least [m], so that the lane can be seen around a slow plan."""
+
+DIGITS = 1e-9
+"""Share of a bound below which a difference is rounding."""
+
+SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
+"""Ticks of the used share of the bounds."""
+
+
+def draw_numbers(report: Mapping[str, Any], activation: str) -> Figure:
+    """Values of every arm with their intervals, one panel per number."""
+    arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
+    return _dots(arms, "", f"95 % intervals, {ACTIVATIONS[activation]}")
+
+
+def draw_differences(report: Mapping[str, Any], activation: str) -> Figure:
+    """Paired differences of every arm from pure diffusion, one panel per number."""
+    arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
+    kept = [arm for arm in arms if arm["shielded"] or arm["projection"] != "none"]
+    words = f"difference from none, no shield, on the same seeds, {ACTIVATIONS[activation]}"
+    return _dots(kept, "_vs_none", words)
+
+
+def _dots(arms: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure:
+    columns = {column.key: column for column in DRIVE_COLUMNS}
+    with drawing(10.5, 0.42 * len(arms) + 2.6) as figure:
+        axes = figure.subplots(2, 3, sharey=True).ravel()
+        for one, key in zip(axes, SHOWN, strict=True):
+            _panel(one, columns[key], arms, end)
+        axes[0].set_yticks(range(len(arms)), [arm["label"] for arm in arms])
+        axes[0].set_ylim(len(arms) - 0.5, -0.5)
+        figure.supxlabel(words, fontsize=9.5)
+    return figure
+
+
+def _panel(axes: Axes, column: Column, arms: Sequence[Mapping[str, Any]], end: str) -> None:
+    """One number: a dot and an interval per arm; hollow without a shield."""
+    scale = 100.0 if column.unit == "%" else 1.0
+    for row, arm in enumerate(arms):
+        value, bounds = arm.get(f"{column.key}{end}"), arm.get(f"{column.key}{end}_ci95")
+        if value is None or bounds is None:
+            continue
+        colour = MODE_COLOURS[arm["projection"]]
+        axes.plot([scale * b for b in bounds], [row, row], color=colour, linewidth=2.2, alpha=0.55)
+        face = colour if arm["shielded"] else "white"
+        axes.plot(scale * value, row, "o", color=colour, markerfacecolor=face, markersize=6.5)
+    if end:
+        axes.axvline(0.0, color=GREY, linewidth=1.0)
+    axes.grid(axis="y", visible=False)
+    arrow = {1: "  (more is better)", -1: "  (less is better)", 0: ""}[column.better]
+    axes.set_title(f"{column.heading}{arrow if not end else ''}")
+
+
+def draw_denoising(
+    traces: Sequence[DenoisingTrace], context: PlanningContext, limits: ActuatorLimits
+) -> Figure:
+    """Steering of all candidates over the plan at some denoising steps, a row per mode.
+
+    The same noise in every row. Shaded is what the bounds leave from the last executed command on.
+    """
+    shown = sorted({round(x) for x in np.linspace(0, len(traces[0].k) - 1, 5)})
+    horizon = traces[0].estimates.shape[2]
+    steps = np.arange(1, horizon + 1)
+    degree = float(np.degrees(1.0))
+    with drawing(10.5, 2.5 * len(traces) + 0.5) as figure:
+        grid = figure.subplots(len(traces), len(shown), sharex=True, sharey=True, squeeze=False)
+        for row, trace in zip(grid, traces, strict=True):
+            for axes, index in zip(row, shown, strict=True):
+                _cone(axes, float(context.previous[0]), limits, horizon)
+                for plan in trace.estimates[index]:
+                    bad = _broken(plan, context.previous, limits)
+                    line = dict(color=MODE_COLOURS[trace.label], linewidth=0.9, alpha=0.75)
+                    axes.plot(steps, degree * plan[:, 0], **line)
+                    axes.plot(steps[bad], degree * plan[bad, 0], ".", color=OFF, markersize=4.5)
+            row[0].set_ylabel(f"{trace.label}\nsteering [°]")
+        for axes, index in zip(grid[0], shown, strict=True):
+            axes.set_title(f"k = {traces[0].k[index]}")
+        for axes in grid[-1]:
+            axes.set_xlabel("step of the plan")
+            axes.set_xticks(range(0, horizon + 1, max(1, horizon // 4)))
+    return figure
+
+
+def draw_paths(
+    traces: Sequence[DenoisingTrace], context: PlanningContext, limits: ActuatorLimits
+) -> Figure:
+    """Where the candidates lead, seen from above, with the scan; a panel per mode."""
+    points, _ = scan_points(context)
+    longest = limits.dt * max(float(t.plan.candidates[..., 1].sum(1).max()) for t in traces)
+    reach = max(SHORTEST_VIEW, 2.0 + longest)
+    with drawing(10.5, 0.9 + 10.0 / len(traces) * 6.0 / (reach + 1.0)) as figure:
+        for axes, trace in zip(figure.subplots(1, len(traces), sharey=True), traces, strict=True):
+            path = ego_rollout(trace.plan.candidates, limits.wheelbase, limits.dt)
+            zero = np.zeros((len(path.x), 1))
+            x, y = np.hstack([zero, path.x]), np.hstack([zero, path.y])
+            _lane(axes, context, reach)
+            axes.plot(points[:, 0], points[:, 1], ".", color=GREY, markersize=4.0)
+            axes.plot(x.T, y.T, color=MODE_COLOURS[trace.label], linewidth=1.0, alpha=0.8)
+            bad = sum(_broken(p, context.previous, limits).any() for p in trace.plan.candidates)
+            axes.set_title(f"{trace.label}: {bad} of {len(x)} plans break a bound")
+            axes.set(xlim=(-1.0, reach), ylim=(-3.0, 3.0), aspect="equal", xlabel="ahead [m]")
+        figure.axes[0].set_ylabel("to the left [m]")
+    return figure
+
+
+def draw_commands(
+    drives: Sequence[tuple[str, str, Episode]], limits: ActuatorLimits, duration: float
+) -> Figure:
+    """Steering, speed and the used share of the bounds over time, a column per drive.
+
+    Args:
+        drives: Label, projection mode and log of each.
+        limits: The bounds.
+        duration: Of the shown time [s].
+    """
+    degree = float(np.degrees(1.0))
+    with drawing(10.5, 6.2) as figure:
+        grid = figure.subplots(3, len(drives), sharex=True, sharey="row", squeeze=False)
+        for column, (label, mode, episode) in zip(grid.T, drives, strict=True):
+            count = min(episode.steps, round(duration / limits.dt))
+            time = limits.dt * np.arange(count)
+            done, before = episode.executed_command[:count], episode.previous_command[:count]
+            pairs = zip(done, before, strict=True)
+            bad = np.array([limits.violated(*pair) for pair in pairs])
+            for axes, values in ((column[0], degree * done[:, 0]), (column[1], done[:, 1])):
+                axes.plot(time, values, color=MODE_COLOURS[mode], linewidth=1.3)
+                axes.plot(time[bad], values[bad], ".", color=OFF, markersize=4.0)
+            used = _used(done, before, limits)
+            column[2].plot(time, used, color=MODE_COLOURS[mode], linewidth=1.1)
+            column[2].plot(time[bad], used[bad], ".", color=OFF, markersize=4.0)
+            column[0].set_title(f"{label}: {int(bad.sum())} of {count} commands out of bounds")
+            column[2].set_xlabel("time [s]")
+        _lines(grid[0], degree * limits.low[0], degree * limits.high[0])
+        _lines(grid[1], limits.low[1], limits.high[1])
+        _lines(grid[2], 1.0)
+        grid[2, 0].set_yscale("symlog", linthresh=2.0)
+        grid[2, 0].set_yticks(SHARES, [f"{share:g}" for share in SHARES])
+        grid[2, 0].minorticks_off()
+        names = ("steering [°]", "speed [m/s]", "largest share of a\nrate or lateral bound")
+        for axes, name in zip(grid[:, 0], names, strict=True):
+            axes.set_ylabel(name)
+    return figure
+
+
+def _used(done: Array, before: Array, limits: ActuatorLimits) -> Array:
+    """Largest share of a rate bound or of the lateral bound that each command takes (T,)."""
+    change = done - before
+    share = np.maximum(change / limits.rise, -change / limits.fall).max(axis=1)
+    if limits.max_lateral_acceleration is not None:
+        lateral = np.abs(limits.lateral_acceleration(done)) / limits.max_lateral_acceleration
+        share = np.maximum(share, lateral)
+    return np.asarray(np.maximum(share, 0.0))
+
+
+def _broken(plan: Array, previous: Array, limits: ActuatorLimits) -> NDArray[np.bool_]:
+    """Which commands of a plan (H, 2) break a bound (H,).
+
+    Estimates come out of the loop in normalised units: their last digits do not count.
+    """
+    before = np.vstack([previous, plan[:-1]])
+    outside = np.maximum(plan - limits.high, limits.low - plan).max(axis=1)
+    return np.asarray((_used(plan, before, limits) > 1.0 + DIGITS) | (outside > DIGITS))
+
+
+def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:
+    """Edges of the own direction's lanes as they are estimated, to second order."""
+    lane = context.lane
+    if not lane.valid:
+        return
+    x = np.linspace(-1.0, reach, 30)
+    centre = -lane.lateral_offset - lane.heading_error * x + 0.5 * lane.curvature * x**2
+    for edge in (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH, 1.5 * LANE_WIDTH):
+        axes.plot(x, centre + edge, color=GREY, linewidth=1.0, linestyle=(0, (6, 4)))
+
+
+def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> None:
+    """Steering that box and rate leave over the plan."""
+    degree = float(np.degrees(1.0))
+    steps = np.arange(horizon + 1)
+    reach = float(limits.rise[0]) * steps
+    low = np.maximum(steering - reach, limits.low[0])
+    high = np.minimum(steering + reach, limits.high[0])
+    axes.fill_between(steps, degree * low, degree * high, color=GREY, alpha=0.22, linewidth=0.0)
+
+
+def _lines(row: Sequence[Axes], *values: float) -> None:
+    """Bounds across a row of panels."""
+    for axes in row:
+        for value in values:
+            axes.axhline(value, color=GREY, linewidth=1.0, linestyle="--")

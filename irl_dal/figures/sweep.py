@@ -1,0 +1,173 @@
+"""The figures of a report: training dynamics, the table as dots, and paths through one curve."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, PercentFormatter
+from numpy.typing import NDArray
+
+from irl_dal.envs import CityConfig, CityEnv
+from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
+from irl_dal.figures import GREY, drawing
+from irl_dal.sweep.aggregate import band
+from irl_dal.sweep.collection import Collection
+from irl_dal.sweep.result import OVERLAY_SEED
+from irl_dal.sweep.table import COLUMNS, Numbers, label
+
+__all__ = ["VARIANT_COLOURS", "draw_dynamics", "draw_overlay", "draw_scores"]
+
+Array = NDArray[np.float64]
+
+VARIANT_COLOURS = {
+    "ppo_uniform": "#d64545",
+    "fsm_replay": "#e8890c",
+    "diffusion": "#c2a400",
+    "irl_dal": "#2e9e5b",
+    "shielded": "#1f77d0",
+    "paper": "#8c6bb1",
+}
+"""As in the paper's figures, where it has them."""
+
+_PANELS = (
+    ("rollout/episode_return", "Return, mean of the last 20 episodes", False),
+    ("bc/loss", "Behaviour cloning loss, held out", False),
+    ("rollout/intervention_rate", "Interventions: steps with the planner on", True),
+)
+
+_VIEW = 55.0, 28.0
+"""How far around the sharpest bend the overlay reaches, across and up [m]."""
+
+
+def draw_dynamics(collection: Collection, boundary: int | None, rng: np.random.Generator) -> Figure:
+    """Return, cloning loss and interventions over the training, bands over the runs.
+
+    Args:
+        collection: The runs.
+        boundary: Step at which the second phase begins; None draws no line.
+        rng: Source of the bands' resampling.
+    """
+    with drawing(10.5, 8.4) as figure:
+        axes = figure.subplots(len(_PANELS), 1, sharex=True)
+        for one, (column, title, percent) in zip(axes, _PANELS, strict=True):
+            for variant in collection.variants:
+                _curve(one, collection, variant, column, rng)
+            one.set_title(title)
+            if percent:
+                one.yaxis.set_major_formatter(PercentFormatter(1.0))
+                one.set_ylim(bottom=0.0)
+            if boundary is not None:
+                one.axvline(boundary, color=GREY, linewidth=1.0, linestyle="--")
+        axes[1].set_yscale("log")
+        axes[-1].set_xlabel("environment step")
+        axes[-1].xaxis.set_major_formatter(EngFormatter(sep=""))
+        handles, labels = axes[0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside lower center", ncols=3)
+    return figure
+
+
+def draw_scores(collection: Collection, found: Numbers) -> Figure:
+    """Every column of the table: interquartile means with intervals, each run a small dot."""
+    with drawing(10.5, 4.6) as figure:
+        axes = figure.subplots(2, (len(COLUMNS) + 1) // 2, squeeze=False).ravel()
+        variants = collection.variants
+        for one, column in zip(axes, COLUMNS, strict=False):
+            for place, variant in enumerate(reversed(variants)):
+                _score(one, column.key, column.scale, place, variant, collection, found)
+            one.set_title(column.title)
+            one.set_yticks(range(len(variants)), [])
+            one.set_ylim(-0.6, len(variants) - 0.4)
+        for one in axes[:: len(axes) // 2]:
+            names = [label(variant) for variant in reversed(variants)]
+            one.set_yticks(range(len(variants)), names)
+        for one in axes[len(COLUMNS) :]:
+            one.remove()
+    return figure
+
+
+def draw_overlay(collection: Collection) -> Figure:
+    """The first run of each variant in the sharpest bend of the same episode."""
+    env = CityEnv(CityConfig())
+    try:
+        env.reset(seed=OVERLAY_SEED)
+        road = env.scene().road
+    finally:
+        env.close()
+    with drawing(10.5, 6.4) as figure:
+        axes = figure.subplots()
+        axes.grid(visible=False)
+        middle = _road(axes, road)
+        for variant in collection.variants:
+            first = collection.of(variant)[0]
+            path = np.array(first.path)
+            colour = VARIANT_COLOURS.get(variant, GREY)
+            words = label(variant) + ("" if first.arrived else ", did not arrive")
+            axes.plot(*path.T, color=colour, linewidth=1.8, label=words)
+            if not first.arrived:
+                axes.plot(*path[-1], marker="X", color=colour, markersize=9.0, clip_on=True)
+        axes.set(xlabel="x [m]", ylabel="y [m]", aspect="equal")
+        axes.set_xlim(middle[0] - _VIEW[0], middle[0] + _VIEW[0])
+        axes.set_ylim(middle[1] - _VIEW[1], middle[1] + _VIEW[1])
+        figure.legend(loc="outside lower center", ncols=3)
+    return figure
+
+
+def _curve(
+    axes: Axes, collection: Collection, variant: str, column: str, rng: np.random.Generator
+) -> None:
+    found = band(collection.of(variant), column, rng)
+    if found is None:
+        return
+    colour = VARIANT_COLOURS.get(variant, GREY)
+    runs = len(collection.of(variant))
+    words = f"{label(variant)}, {runs} run{'s' * (runs > 1)}"
+    smooth = [_smoothed(values) for values in (found.middle, found.low, found.high)]
+    axes.plot(found.steps, smooth[0], color=colour, linewidth=1.8, label=words)
+    axes.fill_between(found.steps, smooth[1], smooth[2], color=colour, alpha=0.15, linewidth=0.0)
+
+
+def _smoothed(values: Array, width: int = 5) -> Array:
+    """Running mean over `width` rows, shorter at the ends."""
+    ones = np.ones(min(width, len(values)))
+    return np.convolve(values, ones, "same") / np.convolve(np.ones(len(values)), ones, "same")
+
+
+def _score(
+    axes: Axes,
+    key: str,
+    scale: float,
+    place: int,
+    variant: str,
+    collection: Collection,
+    found: Numbers,
+) -> None:
+    colour, one = VARIANT_COLOURS.get(variant, GREY), found[variant][key]
+    known = [result.evaluation.get(key) for result in collection.of(variant)]
+    runs = scale * np.array([value for value in known if value is not None], np.float64)
+    axes.plot(runs, np.full(len(runs), float(place)), ".", color=colour, alpha=0.45, markersize=5.0)
+    if one.value is None:
+        return
+    if one.low is not None and one.high is not None:
+        ends = [scale * one.low, scale * one.high]
+        axes.plot(ends, [place, place], color=colour, linewidth=4.0, alpha=0.35)
+    axes.plot(scale * one.value, place, "D", color=colour, markersize=5.5)
+
+
+def _road(axes: Axes, road: Road) -> Array:
+    """Draw the road's lines; gives the place of its sharpest bend (2,) [m]."""
+    lines: Sequence[tuple[float, str, float, object]] = (
+        (-HALF_WIDTH, GREY, 1.2, "-"),
+        (HALF_WIDTH, GREY, 1.2, "-"),
+        (0.0, "#d9a400", 1.4, "-"),
+        (-LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
+        (LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
+    )
+    for offset, colour, width, style in lines:
+        points = road.line(float(road.s[0]), float(road.s[-1]), offset, 1.0)
+        axes.plot(*points.T, color=colour, linewidth=width, linestyle=style)
+    inside = (road.s > 40.0) & (road.s < road.length - 40.0)
+    sharpest = int(np.argmax(np.abs(road.curvature) * inside))
+    return np.asarray(road.points[sharpest])

@@ -1,0 +1,1 @@
+"""Driving for the learners."""

@@ -1,0 +1,208 @@
+"""Behaviour cloning: the policy's mean action follows the expert's label (Eq. bc_loss_with_l2).
+
+| here | paper |
+|---|---|
+| `mean_action` | pi_theta(s_t) |
+| `labels` | a_expert |
+| `config.l2` | lambda_L2, on the policy's weights and not on the mask's alphas |
+| `config.max_grad_norm` | G_max |
+
+The mask (LAM) lies on the way from observation to action, so these gradients train it too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor, nn
+
+from expert.modes import Mode
+from expert.replay import ReplayBatch, ReplayBuffer
+from irl_dal.learning.precision import reduced_precision
+from irl_dal.learning.reinforcement.policy import (
+    DrivingPolicy,
+    actor_parameters,
+    mean_action,
+    observation_tensors,
+)
+from irl_dal.perception import LearnableAdaptiveMask
+
+__all__ = ["BehaviourCloning", "CloningConfig", "CloningLoss"]
+
+
+@dataclass(frozen=True, slots=True)
+class CloningConfig:
+    """Behaviour cloning (Table II unless stated).
+
+    Attributes:
+        learning_rate: eta_BC of Adam.
+        l2: lambda_L2.
+        max_grad_norm: G_max.
+        patience: Looks at the held-out loss without progress before the learning rate falls.
+        steps_per_look: Gradient steps between two such looks, each at the mean held-out loss since
+            the last one (not in the paper). An update of phase 2 alone is too short to tell.
+        factor: By which it falls (not in the paper).
+        min_learning_rate: Where it stops falling (not in the paper): new states keep coming.
+        batch_size: Samples per gradient step (not in the paper).
+        steps_imitation: Gradient steps per update in phase 1 (not in the paper).
+        steps_mixed: Gradient steps per update in phase 2 (not in the paper).
+        corrected_share: Part of each batch drawn from the steps that experience correction marked,
+            as soon as there are any (not in the paper).
+        validation_size: Held-out samples behind each reported loss (not in the paper).
+        bfloat16: Multiply in bfloat16 in gradient steps where the processor can (not in the paper):
+            a third faster, with the same held-out loss.
+    """
+
+    learning_rate: float = 3e-4
+    l2: float = 1e-6
+    max_grad_norm: float = 0.5
+    patience: int = 5
+    steps_per_look: int = 150
+    factor: float = 0.5
+    min_learning_rate: float = 5e-5
+    batch_size: int = 128
+    steps_imitation: int = 150
+    steps_mixed: int = 60
+    corrected_share: float = 0.25
+    validation_size: int = 512
+    bfloat16: bool = True
+
+    def __post_init__(self) -> None:
+        for name in ("learning_rate", "max_grad_norm"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        for name in ("l2", "steps_imitation", "steps_mixed", "patience", "min_learning_rate"):
+            if getattr(self, name) < 0:
+                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        for name in ("batch_size", "validation_size", "steps_per_look"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+        if not 0.0 < self.factor < 1.0:
+            raise ValueError(f"`factor` must be in (0, 1). Got {self.factor}.")
+        if not 0.0 <= self.corrected_share <= 1.0:
+            raise ValueError(f"`corrected_share` must be in [0, 1]. Got {self.corrected_share}.")
+
+
+@dataclass(frozen=True, slots=True)
+class CloningLoss:
+    """Held-out loss, without the L2 term.
+
+    Attributes:
+        loss: Mean squared error over samples and both components, normalised units, each mode with
+            the same weight (design section 6, `bc_loss`).
+        per_mode: The same for each mode that the held-out set has.
+    """
+
+    loss: float
+    per_mode: dict[Mode, float]
+
+
+class BehaviourCloning:
+    """Trains the actor half of a policy with its own Adam.
+
+    Args:
+        policy: Whose mean action learns.
+        config: Learning rate, regularisation, sizes.
+    """
+
+    def __init__(self, policy: DrivingPolicy, config: CloningConfig) -> None:
+        self.config = config
+        self.policy = policy
+        self._parameters = actor_parameters(policy)
+        alphas = _mask_parameters(policy)
+        self._regularised = [p for p in self._parameters if id(p) not in alphas]
+        self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate, fused=True)
+        self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
+            self._optimizer,
+            factor=config.factor,
+            patience=config.patience,
+            min_lr=config.min_learning_rate,
+        )
+        self._steps = 0
+        self._seen: list[float] = []
+
+    @property
+    def learning_rate(self) -> float:
+        """Where the plateau scheduler has brought it."""
+        return float(self._optimizer.param_groups[0]["lr"])
+
+    def loss(self, observation: dict[str, Tensor], labels: Tensor) -> Tensor:
+        """Eq. bc_loss_with_l2: batch mean of the squared norm, plus the L2 term; a scalar."""
+        with reduced_precision(self.policy.device, wanted=self.config.bfloat16):
+            actions = mean_action(self.policy, observation)
+        error = actions.float() - labels
+        norm = torch.stack([parameter.square().sum() for parameter in self._regularised]).sum()
+        return error.square().sum(dim=1).mean() + self.config.l2 * norm
+
+    def update(self, draw: Callable[[], ReplayBatch], steps: int) -> float:
+        """Take gradient steps.
+
+        Args:
+            draw: Gives the batch of each step.
+            steps: How many.
+
+        Returns:
+            Mean training loss, L2 included; NaN for no steps.
+        """
+        self.policy.set_training_mode(True)
+        losses = []
+        for _ in range(steps):
+            batch = draw()
+            labels = torch.from_numpy(batch.labels).to(self.policy.device)
+            loss = self.loss(observation_tensors(batch, self.policy.device), labels)
+            self._optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(self._parameters, self.config.max_grad_norm)
+            self._optimizer.step()
+            losses.append(loss.item())
+        self._steps += steps
+        # PPO shares these parameters and must not see gradients that are left over.
+        self._optimizer.zero_grad()
+        self.policy.set_training_mode(False)
+        return float(np.mean(losses)) if losses else float("nan")
+
+    def validate(self, replay: ReplayBuffer, rng: np.random.Generator) -> CloningLoss | None:
+        """Loss on held-out states, drawn evenly over the modes; None while nothing is held out."""
+        if replay.count(held_out=True) == 0:
+            return None
+        batch = replay.sample(rng, self.config.validation_size, held_out=True)
+        with torch.no_grad():
+            actions = mean_action(self.policy, observation_tensors(batch, self.policy.device))
+        errors = (actions.cpu().numpy() - batch.labels) ** 2
+        per_mode = {
+            mode: float(errors[batch.modes == mode].mean())
+            for mode in Mode
+            if (batch.modes == mode).any()
+        }
+        return CloningLoss(float(np.mean(list(per_mode.values()))), per_mode)
+
+    def plateau(self, loss: float) -> None:
+        """Take note of a held-out loss; the scheduler looks every `steps_per_look` steps."""
+        self._seen.append(loss)
+        if self._steps >= self.config.steps_per_look:
+            self._scheduler.step(float(np.mean(self._seen)))
+            self._steps, self._seen = 0, []
+
+    def state_dict(self) -> dict[str, Any]:
+        """Optimiser and scheduler (the policy's weights are the policy's)."""
+        return {
+            "optimizer": self._optimizer.state_dict(),
+            "scheduler": self._scheduler.state_dict(),
+            "steps": self._steps,
+            "seen": list(self._seen),
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over the state of `state_dict`."""
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._scheduler.load_state_dict(state["scheduler"])
+        self._steps, self._seen = state["steps"], list(state["seen"])
+
+
+def _mask_parameters(policy: DrivingPolicy) -> set[int]:
+    masks = (m for m in policy.features_extractor.modules() if isinstance(m, LearnableAdaptiveMask))
+    return {id(parameter) for mask in masks for parameter in mask.parameters()}

@@ -1,0 +1,1 @@
+"""What is learnt from rewards: PPO and GAIL."""

@@ -1,0 +1,70 @@
+"""A warm start for the critic: the first PPO updates should not follow an untrained one."""
+
+from __future__ import annotations
+
+import numpy as np
+import torch
+from numpy.typing import NDArray
+from torch import Tensor, nn
+
+from expert.replay import ReplayBuffer
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, observation_tensors
+
+__all__ = ["warm_start_critic"]
+
+BATCH_SIZE = 256
+LEARNING_RATE = 1e-3
+
+
+def warm_start_critic(
+    policy: DrivingPolicy,
+    replay: ReplayBuffer,
+    *,
+    gamma: float,
+    scale: float,
+    steps: int,
+    rng: np.random.Generator,
+) -> float:
+    """Regress the value head on the expert's discounted returns; the shared features stay.
+
+    Args:
+        policy: Whose value head learns.
+        replay: Filled by the expert.
+        gamma: Discount factor.
+        scale: What the critic's rewards are multiplied with.
+        steps: Gradient steps.
+        rng: Source of the batches.
+
+    Returns:
+        Explained variance of the returns after training; NaN for an empty buffer or no steps.
+    """
+    if steps < 1 or not len(replay):
+        return float("nan")
+    slots, returns = replay.returns(gamma)
+    features = _features(policy, replay, slots)
+    targets = torch.from_numpy(scale * returns).to(policy.device)
+    head = nn.Sequential(policy.mlp_extractor.value_net, policy.value_net)
+    optimizer = torch.optim.Adam(head.parameters(), lr=LEARNING_RATE)
+    for _ in range(steps):
+        rows = torch.from_numpy(rng.integers(len(slots), size=BATCH_SIZE)).to(policy.device)
+        loss = nn.functional.mse_loss(head(features[rows]).squeeze(1), targets[rows])
+        optimizer.zero_grad()
+        loss.backward()
+        optimizer.step()
+    optimizer.zero_grad()
+    with torch.no_grad():
+        left = (targets - head(features).squeeze(1)).var()
+    return float(1.0 - left / targets.var().clamp(min=1e-12))
+
+
+@torch.no_grad()
+def _features(
+    policy: DrivingPolicy, replay: ReplayBuffer, slots: NDArray[np.int64], size: int = 512
+) -> Tensor:
+    parts = []
+    for start in range(0, len(slots), size):
+        batch = replay.gather(slots[start : start + size])
+        extracted = policy.extract_features(observation_tensors(batch, policy.device))
+        assert isinstance(extracted, Tensor), "actor and critic share their features"
+        parts.append(extracted)
+    return torch.cat(parts)

@@ -1,0 +1,230 @@
+"""The GAIL discriminator D_psi(s, a) (Eq. discriminator_loss).
+
+Sign convention: D -> 1 means *expert*. The network returns `expert_logit` = log D - log(1 - D); a
+positive logit says "the expert would do this".
+
+| here | paper |
+|---|---|
+| `features` | s_t, from a frozen copy of the policy's perception (SyncFeatures renews it) |
+| `actions` | a_t, as executed: the expert's and the agent's commands went through the same shield |
+| `bce` | L_Disc |
+"""
+
+from __future__ import annotations
+
+import copy
+from dataclasses import dataclass
+from typing import Any
+
+import torch
+from stable_baselines3.common.preprocessing import preprocess_obs
+from torch import Tensor, nn
+from torch.nn.functional import softplus
+
+from irl_dal.learning.reinforcement.policy import DrivingPolicy
+
+__all__ = ["Discriminator", "DiscriminatorConfig", "DiscriminatorReport", "discriminator_loss"]
+
+KEPT_OUT = 5
+"""One pair in so many is kept out of an update, to report an honest accuracy."""
+
+_Pairs = tuple[Tensor, Tensor]
+
+
+@dataclass(frozen=True, slots=True)
+class DiscriminatorConfig:
+    """The discriminator (nothing of it is in the paper but its loss and its interval).
+
+    Attributes:
+        hidden: Units in its two hidden layers.
+        learning_rate: Of Adam.
+        steps: Gradient steps per update.
+        batch_size: Expert samples, and as many of the agent's, per gradient step.
+        samples: Expert samples, and at most as many of the agent's, that are encoded per update.
+        action_noise: Standard deviation of the noise added to both sides' actions in training,
+            normalised units: without it the agent's exploration noise alone gives it away, and the
+            reward is -1 whatever it does.
+        weight_decay: Of Adam.
+        max_grad_norm: G_max (Table II).
+    """
+
+    hidden: int = 128
+    learning_rate: float = 3e-4
+    steps: int = 100
+    batch_size: int = 256
+    samples: int = 2048
+    action_noise: float = 0.1
+    weight_decay: float = 1e-3
+    max_grad_norm: float = 0.5
+
+    def __post_init__(self) -> None:
+        for name in ("hidden", "steps", "batch_size", "samples"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
+        for name in ("learning_rate", "max_grad_norm"):
+            if not getattr(self, name) > 0.0:
+                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        for name in ("action_noise", "weight_decay"):
+            if getattr(self, name) < 0.0:
+                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+
+
+@dataclass(frozen=True, slots=True)
+class DiscriminatorReport:
+    """One update.
+
+    Attributes:
+        loss: Mean binary cross-entropy, both sides added.
+        accuracy: Share of pairs of both sides, kept out of this update, that are told apart after
+            it; 0.5 is a coin.
+        expert_logit: Mean logit of the expert's pairs that were kept out.
+        agent_logit: Mean logit of the agent's pairs that were kept out.
+    """
+
+    loss: float
+    accuracy: float
+    expert_logit: float
+    agent_logit: float
+
+
+class Discriminator:
+    """A small MLP on frozen features and an action, with the optimiser that trains it.
+
+    Args:
+        policy: Whose perception is copied.
+        config: Sizes, regularisation.
+        generator: Source of the first weights, of batches and of the action noise.
+    """
+
+    def __init__(
+        self, policy: DrivingPolicy, config: DiscriminatorConfig, generator: torch.Generator
+    ) -> None:
+        self.config = config
+        self.updates = 0
+        self._generator = generator
+        self._space = policy.observation_space
+        self._device = policy.device
+        self._encoder = copy.deepcopy(policy.features_extractor).requires_grad_(False).eval()
+        with torch.random.fork_rng():
+            torch.manual_seed(int(torch.randint(2**62, (), generator=generator)))
+            self._head = _head(policy.features_dim, config.hidden).to(policy.device)
+        self._optimizer = torch.optim.Adam(
+            self._head.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+        )
+
+    def sync_features(self, policy: DrivingPolicy) -> None:
+        """SyncFeatures: copy the policy's perception into the frozen encoder."""
+        self._encoder.load_state_dict(policy.features_extractor.state_dict())
+
+    @torch.no_grad()
+    def features(self, observation: dict[str, Tensor], batch_size: int = 512) -> Tensor:
+        """Frozen features (B, 512) of observations as the policy takes them."""
+        parts = []
+        for start in range(0, len(observation["speed"]), batch_size):
+            rows = {
+                k: v[start : start + batch_size].to(self._device) for k, v in observation.items()
+            }
+            prepared = preprocess_obs(rows, self._space, normalize_images=True)
+            parts.append(self._encoder(prepared))
+        return torch.cat(parts)
+
+    def expert_logit(self, features: Tensor, actions: Tensor) -> Tensor:
+        """Logit log D - log(1 - D) (B,) of features (B, 512) and executed actions (B, 2)."""
+        logit: Tensor = self._head(torch.cat([features, actions.to(features)], dim=1)).squeeze(1)
+        return logit
+
+    @torch.no_grad()
+    def judge(self, observation: dict[str, Tensor], actions: Tensor) -> Tensor:
+        """`expert_logit` of observations, without gradients."""
+        return self.expert_logit(self.features(observation), actions)
+
+    def update(
+        self,
+        expert: tuple[dict[str, Tensor], Tensor],
+        agent: tuple[dict[str, Tensor], Tensor],
+    ) -> DiscriminatorReport:
+        """Train on pairs of observations and executed actions of both sides."""
+        ours, ours_kept = self._split(*agent)
+        theirs, theirs_kept = self._split(*expert)
+        losses = []
+        for _ in range(self.config.steps):
+            loss = discriminator_loss(
+                self.expert_logit(*self._batch(*theirs)), self.expert_logit(*self._batch(*ours))
+            )
+            self._optimizer.zero_grad()
+            loss.backward()
+            nn.utils.clip_grad_norm_(self._head.parameters(), self.config.max_grad_norm)
+            self._optimizer.step()
+            losses.append(loss.item())
+        self.updates += 1
+        with torch.no_grad():
+            expert_logit = self.expert_logit(*theirs_kept)
+            agent_logit = self.expert_logit(*ours_kept)
+        right = ((expert_logit > 0).float().mean() + (agent_logit <= 0).float().mean()) / 2
+        return DiscriminatorReport(
+            loss=sum(losses) / len(losses),
+            accuracy=right.item(),
+            expert_logit=expert_logit.mean().item(),
+            agent_logit=agent_logit.mean().item(),
+        )
+
+    def state_dict(self) -> dict[str, Any]:
+        """Head, encoder, optimiser, random state and count of updates."""
+        return {
+            "head": self._head.state_dict(),
+            "encoder": self._encoder.state_dict(),
+            "optimizer": self._optimizer.state_dict(),
+            "generator": self._generator.get_state(),
+            "updates": self.updates,
+        }
+
+    def load_state_dict(self, state: dict[str, Any]) -> None:
+        """Take over the state of `state_dict`."""
+        self._head.load_state_dict(state["head"])
+        self._encoder.load_state_dict(state["encoder"])
+        self._optimizer.load_state_dict(state["optimizer"])
+        self._generator.set_state(state["generator"])
+        self.updates = state["updates"]
+
+    def _split(self, observation: dict[str, Tensor], actions: Tensor) -> tuple[_Pairs, _Pairs]:
+        """Encoded pairs for training and, one in `KEPT_OUT`, for the report."""
+        features, actions = self.features(observation), actions.to(self._device)
+        kept = torch.arange(len(actions), device=self._device) % KEPT_OUT == 0
+        if len(actions) < KEPT_OUT:
+            return (features, actions), (features, actions)
+        return (features[~kept], actions[~kept]), (features[kept], actions[kept])
+
+    def _batch(self, features: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
+        size = (self.config.batch_size,)
+        rows = torch.randint(len(features), size, generator=self._generator, device=self._device)
+        chosen = actions[rows]
+        noise = torch.randn(chosen.shape, generator=self._generator, device=self._device)
+        return features[rows], chosen + self.config.action_noise * noise
+
+
+def discriminator_loss(expert_logit: Tensor, agent_logit: Tensor) -> Tensor:
+    """Eq. discriminator_loss: -E_expert[log D] - E_agent[log(1 - D)], from logits; a scalar."""
+    return softplus(-expert_logit).mean() + softplus(agent_logit).mean()
+
+
+def _head(features: int, hidden: int) -> nn.Sequential:
+    # The features' scale drifts between two syncs; LayerNorm keeps it away from the head.
+    return nn.Sequential(
+        _NormalisedInput(features),
+        nn.Linear(features + 2, hidden),
+        nn.Tanh(),
+        nn.Linear(hidden, hidden),
+        nn.Tanh(),
+        nn.Linear(hidden, 1),
+    )
+
+
+class _NormalisedInput(nn.Module):
+    """LayerNorm on the features, the action as it is."""
+
+    def __init__(self, features: int) -> None:
+        super().__init__()
+        self.norm = nn.LayerNorm(features)
+
+    def forward(self, inputs: Tensor) -> Tensor:
+        return torch.cat([self.norm(inputs[:, :-2]), inputs[:, -2:]], dim=1)

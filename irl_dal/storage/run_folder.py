@@ -1,0 +1,159 @@
+"""Run folders: what a run was asked for, where it came from, what it produced."""
+
+from __future__ import annotations
+
+import json
+import platform
+import subprocess
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from irl_dal.cli.threads import GRADIENT_THREADS
+from irl_dal.config import ConfigError, RunConfig, config_hash, parse, to_mapping
+
+__all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
+
+RUN_FORMAT = 1
+"""Raised whenever this version could misread the run folder of an older one."""
+
+
+@dataclass(frozen=True, slots=True)
+class RunFolder:
+    """A run's folder and its configuration.
+
+    Attributes:
+        path: The folder.
+        config: What the run was started with.
+    """
+
+    path: Path
+    config: RunConfig
+
+    @property
+    def has_checkpoint(self) -> bool:
+        """Whether a checkpoint was written; a run killed in its first moment has none."""
+        return any(entry.name.isdecimal() for entry in (self.path / "checkpoints").glob("*"))
+
+    @property
+    def metrics(self) -> Path:
+        """The training's log."""
+        return self.path / "metrics.csv"
+
+    @property
+    def evaluation(self) -> Path:
+        """The flat report of the evaluation after the training."""
+        return self.path / "evaluation.json"
+
+    @property
+    def unfinished(self) -> Path:
+        """Folder of what evaluations have driven that are not over."""
+        return self.path / "unfinished"
+
+    @property
+    def figures(self) -> Path:
+        """Folder of the figures."""
+        return self.path / "figures"
+
+    @property
+    def video(self) -> Path:
+        """The evaluation drive."""
+        return self.path / "drive.mp4"
+
+
+def default_run_dir(config: RunConfig, now: datetime) -> Path:
+    """`runs/<date-time>-<variant>-seed<seed>`."""
+    return Path("runs") / f"{now:%Y%m%d-%H%M%S}-{config.variant}-seed{config.seed}"
+
+
+def create_run(path: Path, config: RunConfig) -> RunFolder:
+    """Make a run folder with its resolved configuration and its provenance.
+
+    The folder appears complete: a process that is killed meanwhile leaves none.
+
+    Raises:
+        ConfigError: The folder exists already.
+    """
+    if path.exists():
+        raise ConfigError(f"run_dir = {str(path)!r}: exists already; go on with resume={path}")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    hidden = path.with_name(f".{path.name}.part")
+    hidden.mkdir(exist_ok=True)
+    document = yaml.safe_dump(to_mapping(config), sort_keys=False)
+    (hidden / "config.yaml").write_text(document, encoding="utf-8")
+    started = {"format": RUN_FORMAT, "started": datetime.now().astimezone().isoformat()}
+    machine = {"machine": platform.platform(), "gradient_threads": GRADIENT_THREADS}
+    text = json.dumps(started | provenance(config) | machine, indent=2)
+    (hidden / "run.json").write_text(text + "\n", encoding="utf-8")
+    hidden.rename(path)
+    return RunFolder(path, config)
+
+
+def open_run(key: str, path: Path) -> RunFolder:
+    """Read the folder of an earlier run.
+
+    Args:
+        key: Configuration key that names it, for the error's sake.
+        path: The folder.
+
+    Raises:
+        ConfigError: It is missing, empty, no run folder, or of another version.
+    """
+    where = f"{key} = {str(path)!r}"
+    if not path.is_dir():
+        raise ConfigError(f"{where}: there is no such folder")
+    if not any(path.iterdir()):
+        raise ConfigError(f"{where}: the folder is empty")
+    found = _read(path / "run.json", json.loads, where).get("format")
+    if found != RUN_FORMAT:
+        raise ConfigError(f"{where}: run format {found!r}, this version reads {RUN_FORMAT}")
+    return RunFolder(path, parse(_read(path / "config.yaml", yaml.safe_load, where)))
+
+
+def provenance(config: RunConfig) -> dict[str, str]:
+    """Where results come from: configuration hash, commit and version of the code."""
+    return {"config_hash": config_hash(config), "commit": _commit(), "version": _version()}
+
+
+def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
+    try:
+        content = load(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise ConfigError(f"{where}: not a run folder, {path.name} is missing") from None
+    except (ValueError, yaml.YAMLError):
+        raise ConfigError(f"{where}: {path.name} is damaged") from None
+    if not isinstance(content, Mapping):
+        raise ConfigError(f"{where}: {path.name} is damaged")
+    return dict(content)
+
+
+def _commit() -> str:
+    """Commit of the clone that this file belongs to, `-dirty` if changed; "unknown" elsewhere."""
+    here = Path(__file__).resolve()
+    if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
+        return "unknown"
+    commit = _git(here.parent, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    return commit or "unknown"
+
+
+def _git(folder: Path, *arguments: str) -> str | None:
+    """Output of a git command, None where it fails or there is no git."""
+    try:
+        done = subprocess.run(
+            ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True, timeout=10
+        )
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return done.stdout.strip()
+
+
+def _version() -> str:
+    try:
+        return version("irl-dal")
+    except PackageNotFoundError:
+        return "unknown"

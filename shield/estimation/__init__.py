@@ -1,0 +1,1 @@
+"""From raw sensor readings to filtered estimates."""

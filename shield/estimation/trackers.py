@@ -1,0 +1,385 @@
+r"""Trackers of what the risk trigger watches: free distance ahead and pose in the lane.
+
+Both run a filterpy Kalman filter, gate measurements that do not fit, coast through missing ones
+(`update(None)`, never NaN) and say how old the last accepted measurement is.
+
+=======  =====================================================================
+symbol   meaning
+=======  =====================================================================
+x, P     state and its covariance
+F, Q     transition and process noise
+H, R     measurement matrix and noise
+y, S     innovation and its covariance
+=======  =====================================================================
+"""
+
+import math
+from dataclasses import astuple, dataclass
+
+import numpy as np
+from filterpy.kalman import KalmanFilter
+from numpy.typing import ArrayLike, NDArray
+
+from shield.arguments import as_array, check_positive, is_number
+from shield.errors import InvalidProblem
+from shield.estimation.scan import ScanFilter
+
+__all__ = [
+    "ClearanceEstimate",
+    "ClearanceTracker",
+    "LaneEstimate",
+    "LaneMeasurement",
+    "LaneTracker",
+]
+
+Array = NDArray[np.float64]
+
+# 99.9 % quantiles of chi² with 1 and 2 degrees of freedom.
+_GATE_1, _GATE_2 = 10.83, 13.82
+# Speeds [m/s] and yaw rates [rad/s] beyond this are defects of the sensor, not motion.
+_FASTEST = 1e3
+
+
+@dataclass(frozen=True, slots=True)
+class ClearanceEstimate:
+    """Tracked free distance.
+
+    Attributes:
+        clearance: Distance to the nearest obstacle in view [m].
+        closing_speed: Rate at which it shrinks [m/s], positive when approaching.
+        std: Standard deviation of `clearance` [m].
+        age: Time since the last accepted scan [s]; infinite before the first.
+        valid: True while `age` is within the tracker's `max_age`.
+    """
+
+    clearance: float
+    closing_speed: float
+    std: float
+    age: float
+    valid: bool
+
+
+@dataclass(frozen=True, slots=True)
+class LaneMeasurement:
+    """One sighting of the home lane; a value that is not finite is a missing one.
+
+    Attributes:
+        lateral_offset: Position left of the lane centre [m].
+        heading_error: Yaw relative to the lane [rad].
+        curvature: Curvature of the lane here [1/m], positive to the left.
+        curvature_rate: Its derivative along the lane [1/m²].
+        offset_std: Standard deviation of `lateral_offset` [m].
+        heading_std: Standard deviation of `heading_error` [rad].
+    """
+
+    lateral_offset: float
+    heading_error: float
+    curvature: float
+    curvature_rate: float
+    offset_std: float = 0.1
+    heading_std: float = 0.02
+
+
+@dataclass(frozen=True, slots=True)
+class LaneEstimate:
+    """Tracked pose in the lane.
+
+    Attributes:
+        lateral_offset: Position left of the home lane's centre [m].
+        heading_error: Yaw relative to the lane [rad].
+        curvature: Curvature of the lane here [1/m], positive to the left.
+        curvature_rate: Its derivative along the lane [1/m²].
+        offset_std: Standard deviation of `lateral_offset` [m].
+        age: Time since the last accepted sighting [s]; infinite before the first.
+        valid: True while `age` is within the tracker's `max_age`.
+    """
+
+    lateral_offset: float
+    heading_error: float
+    curvature: float
+    curvature_rate: float
+    offset_std: float
+    age: float
+    valid: bool
+
+
+class ClearanceTracker:
+    r"""Tracks the clearance and its rate, a constant-velocity Kalman filter on scan minima.
+
+    The measurement is the smallest range that a cluster of neighbouring beams supports (see
+    `scan`), so one spurious or stuck beam does not move it. What the cluster supports is
+    believed at once when it is *nearer* than predicted: the filter restarts there within the same
+    step. When it is much *further* than predicted it has to be confirmed by the next scans first,
+    since dropouts can hide an obstacle but not invent one.
+
+    Args:
+        dt: Period of the scans [s].
+        max_range: Largest range of the sensor, reported where nothing returns [m].
+        range_std: Standard deviation of the measured minimum [m].
+        acceleration_std: Standard deviation of the relative acceleration [m/s²].
+        max_age: Age from which the estimate is invalid [s].
+        confirmations: Scans in a row that must agree before the clearance jumps up.
+
+    Raises:
+        InvalidProblem: An argument is not positive and finite.
+    """
+
+    def __init__(
+        self,
+        dt: float,
+        max_range: float = 40.0,
+        *,
+        range_std: float = 0.05,
+        acceleration_std: float = 4.0,
+        max_age: float = 0.3,
+        confirmations: int = 3,
+    ) -> None:
+        check_positive(
+            InvalidProblem,
+            dt=dt,
+            max_range=max_range,
+            range_std=range_std,
+            acceleration_std=acceleration_std,
+            max_age=max_age,
+            confirmations=confirmations,
+        )
+        self._dt, self._max_range, self._max_age = dt, max_range, max_age
+        self._range_std = range_std
+        self._confirmations = confirmations
+        self._scan_filter = ScanFilter(max_range)
+        self._filter = KalmanFilter(dim_x=2, dim_z=1)
+        self._filter.F = np.array([[1.0, dt], [0.0, 1.0]])
+        self._filter.H = np.array([[1.0, 0.0]])
+        self._filter.R = np.array([[range_std**2]])
+        self._filter.Q = acceleration_std**2 * np.array(
+            [[dt**4 / 4.0, dt**3 / 2.0], [dt**3 / 2.0, dt**2]]
+        )
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the estimate is invalid until the first scan."""
+        self._scan_filter.reset()
+        self._age = math.inf
+        self._jumps = 0
+        self._restart(self._max_range)
+
+    @np.errstate(all="ignore")
+    def update(self, scan: ArrayLike | None, speed: float | None = None) -> ClearanceEstimate:
+        """Advance by one period.
+
+        Args:
+            scan: Ranges [m], shape (n,), counter-clockwise from the right; infinite or beyond
+                `max_range` where nothing returns; NaN or not positive where a beam gave nothing.
+                None when there is no scan at all.
+            speed: Own speed [m/s], if known: a scan that repeats itself bit by bit while driving
+                comes from a dead sensor.
+
+        Returns:
+            The estimate after this period.
+
+        Raises:
+            InvalidProblem: `scan` is not one-dimensional or is empty.
+        """
+        measured = None if scan is None else self._scan_filter.nearest(scan, speed)
+        kalman = self._filter
+        kalman.predict()
+        self._age += self._dt
+        if measured is None:
+            kalman.update(None)
+        elif math.isinf(self._age):
+            self._restart(measured)
+            self._age = 0.0
+        elif self._accept(measured):
+            self._age = 0.0
+        self._clip()
+        return ClearanceEstimate(
+            clearance=float(kalman.x[0]),
+            closing_speed=-float(kalman.x[1]),
+            std=math.sqrt(float(kalman.P[0, 0])),
+            age=self._age,
+            valid=self._age <= self._max_age,
+        )
+
+    def _accept(self, measured: float) -> bool:
+        """Fuse a measurement, restart at it, or hold it back until confirmed."""
+        kalman = self._filter
+        innovation = measured - float(kalman.x[0])
+        variance = float(kalman.P[0, 0]) + self._range_std**2
+        if innovation * innovation <= _GATE_1 * variance:
+            kalman.update(np.array([measured]))
+            self._jumps = 0
+            return True
+        if innovation > 0.0:
+            self._jumps += 1
+            if self._jumps < self._confirmations:
+                kalman.update(None)
+                return False
+        self._restart(measured)
+        self._jumps = 0
+        return True
+
+    def _restart(self, clearance: float) -> None:
+        """Put the state at a clearance with an unknown rate."""
+        self._filter.x = np.array([clearance, 0.0])
+        # Relative speeds up to some 10 m/s are ordinary.
+        self._filter.P = np.diag([self._range_std**2, 10.0**2])
+
+    def _clip(self) -> None:
+        """Keep the clearance in the range of the sensor; at its end nothing approaches."""
+        x = self._filter.x
+        if x[0] >= self._max_range:
+            self._filter.x = np.array([self._max_range, min(float(x[1]), 0.0)])
+        elif x[0] < 0.0:
+            self._filter.x = np.array([0.0, float(x[1])])
+
+
+class LaneTracker:
+    r"""Tracks the pose relative to the lane through gaps and outliers.
+
+    The state is (e, ψ, κ, κ'): lateral offset, heading error, curvature and its rate along the
+    lane. Between sightings it moves with the car,
+
+    .. math:: \dot e = v\psi,\quad \dot\psi = \omega - v\kappa,\quad \dot\kappa = v\kappa'.
+
+    A sighting whose (e, ψ) is improbable (normalised innovation squared beyond the 99.9 % quantile)
+    is treated as missing; after `max_rejected` in a row the filter restarts at the next, because
+    then it is the filter that is lost.
+
+    Args:
+        dt: Period of the updates [s].
+        max_age: Age from which the estimate is invalid [s].
+        max_rejected: Rejected sightings in a row after which the filter restarts.
+        curvature_std: Standard deviation of a sighting's curvature [1/m].
+        curvature_rate_std: Standard deviation of a sighting's curvature rate [1/m²].
+
+    Raises:
+        InvalidProblem: An argument is not positive and finite.
+    """
+
+    def __init__(
+        self,
+        dt: float,
+        *,
+        max_age: float = 0.5,
+        max_rejected: int = 5,
+        curvature_std: float = 0.005,
+        curvature_rate_std: float = 0.0005,
+    ) -> None:
+        check_positive(
+            InvalidProblem,
+            dt=dt,
+            max_age=max_age,
+            max_rejected=max_rejected,
+            curvature_std=curvature_std,
+            curvature_rate_std=curvature_rate_std,
+        )
+        self._dt, self._max_age, self._max_rejected = dt, max_age, max_rejected
+        self._curvature_noise = np.array([curvature_std, curvature_rate_std])
+        self._filter = KalmanFilter(dim_x=4, dim_z=4)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget everything; the estimate is invalid until the first sighting."""
+        self._age = math.inf
+        self._rejected = 0
+        self._speed = 0.0
+        self._filter.x = np.zeros(4)
+        self._filter.P = np.diag([2.0**2, 0.3**2, 0.02**2, 0.002**2])
+
+    @np.errstate(all="ignore")
+    def update(
+        self, measurement: LaneMeasurement | None, speed: float, yaw_rate: float
+    ) -> LaneEstimate:
+        """Advance by one period.
+
+        Args:
+            measurement: Sighting of the lane, None when there is none.
+            speed: Own speed during the period [m/s]; the last known one if not finite or beyond
+                any vehicle.
+            yaw_rate: Own yaw rate ω [rad/s]; if not finite or beyond any vehicle, that of following
+                the lane.
+
+        Returns:
+            The estimate after this period.
+
+        Raises:
+            InvalidProblem: An argument is not of its type.
+        """
+        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
+            if not is_number(value):
+                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
+        if measurement is not None and not isinstance(measurement, LaneMeasurement):
+            raise InvalidProblem(f"`measurement` must be a LaneMeasurement. Got {measurement!r}.")
+        self._predict(speed, yaw_rate)
+        self._age += self._dt
+        if self._fuse(measurement):
+            self._age, self._rejected = 0.0, 0
+        x = self._filter.x
+        return LaneEstimate(
+            lateral_offset=float(x[0]),
+            heading_error=float(x[1]),
+            curvature=float(x[2]),
+            curvature_rate=float(x[3]),
+            offset_std=math.sqrt(float(self._filter.P[0, 0])),
+            age=self._age,
+            valid=self._age <= self._max_age,
+        )
+
+    def _predict(self, speed: float, yaw_rate: float) -> None:
+        """Move the state with the car."""
+        dt = self._dt
+        self._speed = v = float(speed) if abs(speed) <= _FASTEST else self._speed
+        known = abs(yaw_rate) <= _FASTEST
+        omega = float(yaw_rate) if known else v * float(self._filter.x[2])
+        transition = np.eye(4)
+        transition[0, 1] = v * dt
+        transition[1, 2] = transition[2, 3] = v * dt
+        transition[1, 2] = -v * dt
+        # Slip and yaw-rate error, heading noise, bends that change along the way.
+        deviation = dt * np.array(
+            [0.2 + 0.02 * abs(v), 0.05 if known else 0.5, 0.002 * abs(v), 0.001 * abs(v)]
+        )
+        self._filter.predict(
+            u=np.array([omega * dt]),
+            B=np.array([[0.0], [1.0], [0.0], [0.0]]),
+            F=transition,
+            Q=np.diag(deviation**2 + 1e-12),
+        )
+
+    def _fuse(self, measurement: LaneMeasurement | None) -> bool:
+        """Fuse a sighting; False when it is missing, malformed or rejected."""
+        kalman = self._filter
+        rows = None if measurement is None else _usable_rows(measurement, self._curvature_noise)
+        if rows is None:
+            kalman.update(None)
+            return False
+        z, present, noise = rows
+        H = np.eye(4)[present]
+        R = np.diag(noise[present] ** 2)
+        y = z[:2] - kalman.x[:2]
+        S = kalman.P[:2, :2] + R[:2, :2]
+        if float(y @ np.linalg.solve(S, y)) > _GATE_2 and math.isfinite(self._age):
+            self._rejected += 1
+            if self._rejected < self._max_rejected:
+                kalman.update(None)
+                return False
+            speed = self._speed
+            self.reset()
+            self._speed = speed
+        kalman.update(z[present], R=R, H=H)
+        return True
+
+
+def _usable_rows(
+    measurement: LaneMeasurement, curvature_noise: Array
+) -> tuple[Array, NDArray[np.bool_], Array] | None:
+    """Return values (4,), which are present (4,) and their deviations (4,); None when unusable."""
+    values = as_array("measurement", astuple(measurement))
+    z, noise = values[:4], np.concatenate([values[4:], curvature_noise])
+    present = np.isfinite(z)
+    if not present[:2].all() or not (np.isfinite(noise) & (noise > 0.0)).all():
+        return None
+    # Sizes that no lane has would overflow the covariance.
+    if np.abs(z[present]).max() > 1e6 or noise.max() > 1e6:
+        return None
+    return z, present, noise

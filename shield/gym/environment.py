@@ -1,0 +1,224 @@
+"""The shield around a gymnasium environment, single or vectorised."""
+
+from collections.abc import Callable
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shield.arguments import as_array
+from shield.errors import InvalidLimits, InvalidProblem, MissingDependency
+from shield.gym.box_filter import BoxFilter
+from shield.gym.vehicle_filter import VehicleFilter
+from shield.limits.actuator_limits import ActuatorLimits
+from shield.projection.certificate import Certificate
+
+try:
+    import gymnasium
+    from gymnasium.utils import RecordConstructorArgs
+    from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+except ImportError as error:
+    raise MissingDependency("shield.gym needs gymnasium: pip install gymnasium") from error
+
+__all__ = ["ShieldedEnv", "ShieldedVectorEnv"]
+
+
+class _ActionFilter(Protocol):
+    """What both wrappers need of a filter."""
+
+    def reset(self) -> None: ...
+
+    def filter(self, action: ArrayLike) -> Certificate: ...
+
+
+class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
+    """Executes only admissible actions; `info["certificate"]` says what was done to each.
+
+    Works with any environment whose action space is a `Box` of floating point numbers. An action
+    that is admissible reaches the environment bit by bit. Everything else is replaced by the
+    nearest admissible action that the precision of the space can express. A vectorised environment
+    gives a `ShieldedVectorEnv`.
+
+    Args:
+        env: Environment.
+        limits: Vehicle limits, for spaces of two numbers (steering, speed), normalised or in
+            [rad, m/s]. None: the bounds of the space and `rate`.
+        rate: Without `limits`: largest rates of change per second in the units of the space, a
+            number or an array of the space's shape. Default: none.
+        dt: Without `limits`: control period that `rate` refers to [s]. Default: 1, per step.
+        low: Without `limits`: lower bounds. Default: those of the space.
+        high: Without `limits`: upper bounds. Default: those of the space.
+        rest: Action, with `limits` the command [rad, m/s], that counts as executed at `reset`.
+            Default: the one nearest to zero.
+
+    Raises:
+        InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
+            not one of two.
+        InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
+
+    Example:
+        >>> import gymnasium
+        >>> from shield.gym import ShieldedEnv
+        >>> env = ShieldedEnv(gymnasium.make("Pendulum-v1"), rate=20.0, dt=0.05)
+        >>> _, info = env.reset(seed=0)
+        >>> info = env.step([2.0])[-1]
+        >>> info["certificate"].safe_action.tolist()
+        [1.0]
+    """
+
+    def __new__(cls, env: Any, *args: Any, **kwargs: Any) -> Any:
+        """Return a `ShieldedVectorEnv` for a vectorised environment."""
+        if isinstance(env, VectorEnv):
+            return ShieldedVectorEnv(env, *args, **kwargs)
+        return super().__new__(cls)
+
+    def __init__(
+        self,
+        env: gymnasium.Env[Any, Any],
+        limits: ActuatorLimits | None = None,
+        *,
+        rate: ArrayLike = np.inf,
+        dt: float = 1.0,
+        low: ArrayLike | None = None,
+        high: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+    ) -> None:
+        RecordConstructorArgs.__init__(
+            self, limits=limits, rate=rate, dt=dt, low=low, high=high, rest=rest
+        )
+        gymnasium.Wrapper.__init__(self, env)
+        self._shield = _filter_factory(env.action_space, limits, rate, dt, low, high, rest)()
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environment and the last executed action."""
+        self._shield.reset()
+        return self.env.reset(seed=seed, options=options)
+
+    def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
+        """Execute the nearest admissible action."""
+        certificate = self._shield.filter(action)
+        observation, reward, terminated, truncated, info = self.env.step(
+            certificate.safe_action.copy()
+        )
+        return observation, reward, terminated, truncated, {**info, "certificate": certificate}
+
+
+class ShieldedVectorEnv(VectorWrapper):
+    """`ShieldedEnv` for a vectorised environment: each sub-environment has its own shield.
+
+    `info["certificate"]` is an array of certificates, with the mask `info["_certificate"]`; it is
+    None where a step only reset its sub-environment.
+
+    Args:
+        env: Vectorised environment.
+        limits: As in `ShieldedEnv`, like all that follows.
+        rate: Largest rates of change per second.
+        dt: Control period [s].
+        low: Lower bounds.
+        high: Upper bounds.
+        rest: Action or command that counts as executed at `reset`.
+
+    Raises:
+        InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
+            not one of two.
+        InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
+    """
+
+    def __init__(
+        self,
+        env: VectorEnv[Any, Any, Any],
+        limits: ActuatorLimits | None = None,
+        *,
+        rate: ArrayLike = np.inf,
+        dt: float = 1.0,
+        low: ArrayLike | None = None,
+        high: ArrayLike | None = None,
+        rest: ArrayLike | None = None,
+    ) -> None:
+        super().__init__(env)
+        make = _filter_factory(env.single_action_space, limits, rate, dt, low, high, rest)
+        self._shields = [make() for _ in range(env.num_envs)]
+        self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
+        self._ended = np.zeros(env.num_envs, dtype=bool)
+
+    def reset(
+        self,
+        *,
+        seed: Any = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Any, dict[str, Any]]:
+        """Reset the environments, those in ``options["reset_mask"]`` if it is given."""
+        mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
+        for shield, chosen in zip(self._shields, mask, strict=True):
+            if chosen:
+                shield.reset()
+        self._ended = self._ended & ~np.asarray(mask, dtype=bool)
+        return self.env.reset(seed=seed, options=options)
+
+    def step(
+        self, actions: ArrayLike
+    ) -> tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
+        """Execute the nearest admissible actions."""
+        wanted = np.asarray(actions)
+        if wanted.shape[:1] != (self.num_envs,):
+            raise InvalidProblem(
+                f"`actions` must have shape ({self.num_envs}, ...). Got {wanted.shape}."
+            )
+        ignored = self._ended & (self._mode == AutoresetMode.NEXT_STEP)
+        certificates = np.full(self.num_envs, None, dtype=object)
+        executed = np.empty(wanted.shape, dtype=self.single_action_space.dtype)
+        for index, shield in enumerate(self._shields):
+            if ignored[index]:
+                shield.reset()
+            certificate = shield.filter(wanted[index])
+            executed[index] = certificate.safe_action
+            if ignored[index]:
+                shield.reset()
+            else:
+                certificates[index] = certificate
+        observations, rewards, terminated, truncated, info = self.env.step(executed)
+        self._ended = np.asarray(terminated | truncated, dtype=bool)
+        if self._mode == AutoresetMode.SAME_STEP:
+            for shield, ended in zip(self._shields, self._ended, strict=True):
+                if ended:
+                    shield.reset()
+        info = {**info, "certificate": certificates, "_certificate": ~ignored}
+        return observations, rewards, terminated, truncated, info
+
+
+def _filter_factory(
+    space: Any,
+    limits: ActuatorLimits | None,
+    rate: ArrayLike,
+    dt: float,
+    low: ArrayLike | None,
+    high: ArrayLike | None,
+    rest: ArrayLike | None,
+) -> Callable[[], _ActionFilter]:
+    """Return a function that makes a filter for an action space."""
+    if not isinstance(space, gymnasium.spaces.Box) or np.dtype(space.dtype).kind != "f":
+        raise InvalidProblem(f"`env` must have a Box of floating point actions. Got {space}.")
+    if limits is not None:
+        if space.shape != (2,):
+            raise InvalidProblem(
+                f"`env` must have actions of shape (2,), steering and speed. Got {space}."
+            )
+        return lambda: VehicleFilter(limits, space.low, space.high, dtype=space.dtype, rest=rest)
+    bottom = space.low if low is None else np.maximum(_bounds("low", low, space), space.low)
+    top = space.high if high is None else np.minimum(_bounds("high", high, space), space.high)
+    free = np.isinf(bottom) & np.isinf(top) & np.isinf(_bounds("rate", rate, space))
+    if free.any():
+        raise InvalidLimits(
+            f"`env` must have bounded actions, or `rate`, `low` and `high` must. Got {space}."
+        )
+    return lambda: BoxFilter(bottom, top, rate, dt, dtype=space.dtype, rest=rest)
+
+
+def _bounds(name: str, values: ArrayLike, space: Any) -> NDArray[np.float64]:
+    """Return bounds, or rates, in the shape of a space."""
+    bounds = as_array(name, values)
+    if bounds.shape not in {(), space.shape}:
+        raise InvalidLimits(f"`{name}` must have shape {space.shape} or (). Got {bounds.shape}.")
+    return np.broadcast_to(bounds, space.shape)

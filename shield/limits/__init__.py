@@ -1,0 +1,1 @@
+"""What the actuators can follow, as constraints that return rows."""

@@ -1,0 +1,1 @@
+"""The nearest admissible horizon: solve, repair, check, certify."""

@@ -1,0 +1,85 @@
+r"""What to send when there is nothing to follow: the last plan, then brakes.
+
+Both are admissible by construction, because both pass the forward repair: from an admissible
+command it always has an answer, without a solver and in time O(H).
+"""
+
+import math
+from collections.abc import Iterable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from shield.limits.actuator_limits import ActuatorLimits
+from shield.projection.repair import Bounds, repair
+
+__all__ = ["FallbackPlan", "braking_targets"]
+
+
+def braking_targets(bounds: Bounds, steering: float, horizon: int) -> list[float]:
+    """Return flat targets (2 H,) that brake to the slowest speed and hold the steering.
+
+    Repaired, they brake at the full rate. The steering stays on its arc and is eased only where
+    the lateral bound asks for it: straightening the wheels in a bend would leave the lane.
+
+    Args:
+        bounds: Limits.
+        steering: Last executed steering [rad].
+        horizon: Number of steps H.
+    """
+    slowest = min(max(0.0, bounds.min_speed), bounds.max_speed)
+    return [steering, slowest] * horizon
+
+
+class FallbackPlan:
+    """Remembers the last plan; hands out its rest, then braking.
+
+    Args:
+        limits: Limits of the vehicle.
+    """
+
+    def __init__(self, limits: ActuatorLimits) -> None:
+        self._bounds = Bounds.of(limits)
+        self._rest: list[float] = []
+
+    def reset(self) -> None:
+        """Forget the plan."""
+        self._rest = []
+
+    def remember(self, commands: NDArray[np.float64]) -> None:
+        """Keep a plan whose first command is being executed now.
+
+        Args:
+            commands: Plan [rad, m/s], shape (H, 2); the part from the first value that is not
+                finite on is dropped.
+        """
+        self._rest = list(_finite_prefix(commands[1:].ravel().tolist()))
+
+    def advance(self) -> None:
+        """Drop the step that has just been executed."""
+        self._rest = self._rest[2:]
+
+    def horizon(self, steering: float, speed: float, length: int) -> tuple[list[float], str]:
+        """Return an admissible flat horizon (2 length,) from the last command, and what it is.
+
+        Args:
+            steering: Last executed steering [rad].
+            speed: Last executed speed [m/s].
+            length: Number of steps.
+        """
+        targets = self._rest[: 2 * length]
+        what = "the last plan shifted by one" if targets else "braking"
+        missing = length - len(targets) // 2
+        last_steering = targets[-2] if targets else steering
+        targets += braking_targets(self._bounds, last_steering, missing)
+        return repair(self._bounds, targets, steering, speed).commands, what
+
+
+def _finite_prefix(values: list[float]) -> Iterable[float]:
+    """Yield whole pairs up to the first that is not finite."""
+    pairs = iter(values)
+    for delta, v in zip(pairs, pairs, strict=True):
+        if not (math.isfinite(delta) and math.isfinite(v)):
+            return
+        yield delta
+        yield v

@@ -1,0 +1,51 @@
+"""The learners' benchmark times gradient steps on the threads that it names."""
+
+import pytest
+import torch
+
+from irl_dal.bench.__main__ import main
+from irl_dal.bench.learning import COUNTS, beside, demonstrated, time_updates
+from irl_dal.config import RunConfig
+
+
+def test_updates_are_timed_on_each_number_of_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Policy and planner take turns; the first round of each only warms up."""
+    with demonstrated(RunConfig(), 60) as learners:
+        seen: dict[str, list[tuple[int, int]]] = {"clone": [], "plan": []}
+        assert learners.diffusion is not None
+        for name, learner in (("clone", learners.cloning), ("plan", learners.diffusion)):
+            update = learner.update
+
+            def watched(*args: object, _name=name, _update=update, **kwargs: object) -> float:
+                seen[_name].append((torch.get_num_threads(), args[1]))
+                return _update(*args, **kwargs)
+
+            monkeypatch.setattr(learner, "update", watched)
+        found = time_updates(learners, rounds=2, steps=1)
+    assert seen == {"clone": [(1, 1), (2, 1)] * 3, "plan": [(1, 1), (2, 1)] * 3}
+    assert {name: set(times) for name, times in found.items()} == {
+        "behaviour cloning": set(COUNTS),
+        "planner": set(COUNTS),
+    }
+    assert all(time > 0.0 for times in found.values() for time in times.values())
+
+
+def test_other_processes_end_with_the_measurement() -> None:
+    """Also when it fails."""
+    with pytest.raises(RuntimeError, match="on purpose"), beside(1) as others:
+        assert others[0].poll() is None
+        raise RuntimeError("on purpose")
+    assert others[0].poll() is not None
+
+
+def test_the_command_prints_a_table_for_each_load(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """On a short demonstration."""
+    monkeypatch.setattr("irl_dal.bench.learning.DEMONSTRATION", 60)
+    monkeypatch.setattr("irl_dal.bench.learning.STEPS", 1)
+    monkeypatch.setattr("irl_dal.bench.learning.BUSY", (0, 1))
+    assert main(["learning", "--rounds", "1"]) == 0
+    text = capsys.readouterr().out
+    for words in ("beside 0 busy", "beside 1 busy", "behaviour cloning", "ratio"):
+        assert words in text

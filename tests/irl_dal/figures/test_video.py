@@ -1,0 +1,42 @@
+from pathlib import Path
+
+import imageio.v3 as imageio
+import numpy as np
+import pytest
+
+from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.figures.video import SIZE, DriveFilm
+from tests.irl_dal.evaluation.small import small_config
+
+
+@pytest.mark.parametrize("name", ["drive.mp4", "drive.gif"])
+def test_the_film_shows_the_drive(tmp_path: Path, name: str) -> None:
+    """One frame per control step up to the wanted duration, of full size, and they differ."""
+    path = tmp_path / name
+    bench = Bench.build(small_config(), AgentSpec("expert"), render_mode="rgb_array")
+    try:
+        with DriveFilm(path, bench.loop, duration=0.5) as film:
+            drive_episode(bench.loop, bench.agent, 1, film.watch)
+    finally:
+        bench.close()
+    frames = imageio.imread(path, index=None)
+    assert frames.shape[0] == 6 and frames.shape[1:3] == SIZE[::-1]
+    assert np.abs(frames[0].astype(float) - frames[-1]).max() > 50.0
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
+    """No half film under any name."""
+    bench = Bench.build(small_config(), AgentSpec("expert"))
+    try:
+        with (
+            pytest.raises(RuntimeError, match="stop"),
+            DriveFilm(tmp_path / "drive.mp4", bench.loop, duration=0.5) as film,
+        ):
+            observation, info = bench.loop.reset(seed=1)
+            film.watch(observation, info)
+            raise RuntimeError("stop")
+    finally:
+        bench.close()
+    assert list(tmp_path.iterdir()) == []

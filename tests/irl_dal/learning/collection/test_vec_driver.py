@@ -1,0 +1,29 @@
+"""The cars together."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from irl_dal.learning.collection import vec_driver as fleet
+from irl_dal.learning.collection.vec_driver import Fleet
+from tests.irl_dal.learning.city import new_drivers
+
+
+def test_cars_in_processes_drive_the_same_steps_in_the_same_order(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Many small blocks, an odd number of steps, an end of episodes in between."""
+    monkeypatch.setattr(fleet, "BLOCK", 20)
+    near, far = new_drivers(), new_drivers(processes=True)
+    try:
+        ours, theirs = list(Fleet(near).demonstrations(131)), list(Fleet(far).demonstrations(131))
+    finally:
+        far.close()
+    assert len(ours) == len(theirs) == 132
+    assert [step.transition.episode % 2 for step in ours] == [0, 1] * 66
+    assert {step.transition.episode for step in ours} == {0, 1, 2, 3}
+    for mine, its in zip(ours, theirs, strict=True):
+        assert mine.counts == its.counts and mine.end is its.end
+        assert np.array_equal(mine.transition.image, its.transition.image)
+        assert np.array_equal(mine.transition.command, its.transition.command)

@@ -1,0 +1,153 @@
+"""PPO around the cloned policy."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+import torch
+from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.vec_env import DummyVecEnv
+from torch.distributions import Independent, Normal, kl_divergence
+
+from irl_dal.learning.collection.step_record import Draw
+from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning, CloningConfig
+from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRewardConfig
+from irl_dal.learning.reinforcement.policy import PERCEIVED, PPOConfig, actor_parameters
+from irl_dal.learning.reinforcement.ppo import (
+    ActorRate,
+    DrivingPPO,
+    build_ppo,
+    divergence,
+    driving_policy,
+)
+from irl_dal.perception import PerceptionConfig
+from tests.irl_dal.learning.samples import (
+    ACTION_SPACE,
+    OBSERVATION_SPACE,
+    driven,
+    filled_replay,
+    observation,
+)
+
+
+class Spaces(gymnasium.Env[Any, Any]):
+    """The city's spaces, for a PPO whose rollouts are written by the test."""
+
+    observation_space = OBSERVATION_SPACE
+    action_space = ACTION_SPACE
+
+
+def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
+    """PPO with a complete rollout of 64 steps whose reward is the negative first action."""
+    config = PPOConfig(n_steps=64, batch_size=16, n_epochs=2, **arguments)
+    hybrid = HybridReward(HybridRewardConfig(), config.gamma, lambda _seen, _acts: None)
+    rng = np.random.default_rng(0)
+    buffer_arguments = {"hybrid": hybrid, "rng": rng}
+    ppo = build_ppo(
+        DummyVecEnv([Spaces]),
+        config,
+        PerceptionConfig(),
+        rng=rng,
+        buffer_arguments=buffer_arguments,
+    )
+    ppo.set_logger(Logger(None, []))
+    driving_policy(ppo).generator = torch.Generator().manual_seed(0)
+    replay = filled_replay(100)
+    cloning = BehaviourCloning(driving_policy(ppo), CloningConfig(learning_rate=1e-3))
+    cloning.update(lambda: replay.sample(rng, 32), cloning_steps)
+    buffer = ppo.begin_rollout(64)
+    for step in range(64):
+        seen = observation(rng)
+        with torch.no_grad():
+            action, value, log_prob = ppo.policy(ppo.policy.obs_to_tensor(dict(seen))[0])
+        draw = Draw(action[0].numpy(), float(value), float(log_prob))
+        buffer.store([driven(seen, draw, float(-10.0 * draw.action[0]), step=step)], [None])
+    ppo.rollout_buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))
+    return ppo
+
+
+def trained(ppo: DrivingPPO) -> tuple[set[str], dict[str, float]]:
+    """Which parameters an update moves, and what it records."""
+    before = {name: value.detach().clone() for name, value in ppo.policy.named_parameters()}
+    ppo.train()
+    after = dict(ppo.policy.named_parameters())
+    moved = {name for name, value in before.items() if not torch.equal(value, after[name])}
+    return moved, dict(ppo.logger.name_to_value)
+
+
+def test_an_update_moves_the_heads_and_leaves_the_perception_to_cloning() -> None:
+    """Actor head, noise and critic learn; the features do not, unless they are asked to."""
+    moved, _ = trained(new_ppo())
+    assert not [name for name in moved if "features_extractor" in name]
+    assert {"action_net.weight", "value_net.weight", "log_std"} <= moved
+    moved, _ = trained(new_ppo(perception_gradient=True))
+    assert [name for name in moved if "features_extractor" in name]
+
+
+def test_table_2s_rate_alone_tears_the_cloned_policy_away() -> None:
+    """One update of PPO as it comes diverges more than ten times as far as one of ours."""
+    _, ours = trained(new_ppo(cloning_steps=30))
+    _, plain = trained(new_ppo(cloning_steps=30, target_kl=None, perception_gradient=True))
+    assert ours["train/divergence"] < 0.1
+    assert plain["train/divergence"] > 10.0 * ours["train/divergence"]
+
+
+def test_the_actor_has_a_rate_of_its_own_and_the_critic_that_of_table_2() -> None:
+    """Two parameter groups; together they are all parameters, each once."""
+    ppo = new_ppo(initial_actor_rate=2e-5)
+    ppo.train()
+    actor, critic = ppo.policy.optimizer.param_groups
+    assert (actor["lr"], critic["lr"]) == (2e-5, 3e-4)
+    assert len(actor["params"]) + len(critic["params"]) == len(list(ppo.policy.parameters()))
+    ids = {id(parameter) for parameter in actor["params"]}
+    assert {id(parameter) for parameter in actor_parameters(driving_policy(ppo))} <= ids
+
+
+def test_the_rate_follows_the_divergence_between_floor_and_ceiling() -> None:
+    """Halved when an update went too far, doubled when it fell short, kept in between."""
+    rate = ActorRate(1e-4, ceiling=3e-4, target=0.02)
+    values = []
+    for measured in (0.5, 0.02, 0.001, 0.001, 0.001):
+        rate.follow(measured)
+        values.append(rate.value)
+    assert values == pytest.approx([5e-5, 5e-5, 1e-4, 2e-4, 3e-4])
+    for _ in range(30):
+        rate.follow(1.0)
+    assert rate.value == rate.floor
+    fixed = ActorRate(1e-4, ceiling=3e-4, target=None)
+    fixed.follow(1.0)
+    assert fixed.value == 3e-4
+
+
+def test_the_divergence_is_that_of_torchs_own_gaussians() -> None:
+    """Against torch.distributions, for random means and spreads."""
+    generator = torch.Generator().manual_seed(0)
+    means = torch.randn(2, 50, 2, generator=generator)
+    spreads = torch.rand(2, 2, generator=generator) + 0.1
+    pair = [Independent(Normal(means[k], spreads[k]), 1) for k in range(2)]
+    expected = kl_divergence(pair[0], pair[1]).mean().item()
+    found = divergence((means[0], spreads[0]), (means[1], spreads[1]))
+    assert found == pytest.approx(expected, rel=1e-4)
+
+
+def test_the_same_generator_builds_the_same_ppo() -> None:
+    """Weights come from the generator handed in, not from torch's global one."""
+    first, second = new_ppo().policy.state_dict(), new_ppo().policy.state_dict()
+    assert all(torch.equal(first[name], second[name]) for name in first)
+
+
+def test_perceiving_a_rollout_once_changes_nothing_but_the_time(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The same weights as an update that looks at the images again in every epoch."""
+    once, again = new_ppo(), new_ppo()
+    once.train()
+    assert set(once.rollout_buffer.observations) == {PERCEIVED}
+    monkeypatch.setattr(DrivingPPO, "_perceive_once", lambda *_: None)
+    again.train()
+    assert "image" in again.rollout_buffer.observations
+    for name, value in again.policy.state_dict().items():
+        torch.testing.assert_close(once.policy.state_dict()[name], value, rtol=1e-3, atol=1e-5)
