@@ -16,7 +16,6 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
-from irl_dal.compiled import compiled
 from irl_dal.planner.denoiser import (
     NORM_EPSILON,
     ConditionalUnet1d,
@@ -24,6 +23,7 @@ from irl_dal.planner.denoiser import (
     check_context,
     embed_step,
 )
+from irl_dal.shortcuts import compiled
 
 Single = NDArray[np.float32]
 

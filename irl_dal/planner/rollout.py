@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.compiled import compiled
+from irl_dal.shortcuts import compiled
 
 __all__ = [
     "NO_TAIL",

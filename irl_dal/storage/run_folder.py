@@ -16,6 +16,7 @@ import yaml
 
 from irl_dal.cli.threads import GRADIENT_THREADS
 from irl_dal.config import ConfigError, RunConfig, config_hash, parse, to_mapping
+from irl_dal.shortcuts import in_use
 
 __all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
 
@@ -88,7 +89,8 @@ def create_run(path: Path, config: RunConfig) -> RunFolder:
     (hidden / "config.yaml").write_text(document, encoding="utf-8")
     started = {"format": RUN_FORMAT, "started": datetime.now().astimezone().isoformat()}
     machine = {"machine": platform.platform(), "gradient_threads": GRADIENT_THREADS}
-    text = json.dumps(started | provenance(config) | machine, indent=2)
+    shortcuts = {"shortcuts": in_use()}
+    text = json.dumps(started | provenance(config) | machine | shortcuts, indent=2)
     (hidden / "run.json").write_text(text + "\n", encoding="utf-8")
     hidden.rename(path)
     return RunFolder(path, config)

@@ -6,11 +6,11 @@ import math
 
 import numpy as np
 
-from irl_dal.compiled import compiled
 from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_rollout
+from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
 
 LIDAR_POSITION = 3.6

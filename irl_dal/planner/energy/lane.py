@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 
-from irl_dal.compiled import compiled
 from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.open_lanes import open_lanes
 from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
+from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
 
 

@@ -6,10 +6,10 @@ import math
 
 import numpy as np
 
-from irl_dal.compiled import compiled
 from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.base import Array, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
+from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
 
 

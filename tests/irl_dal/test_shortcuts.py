@@ -1,0 +1,53 @@
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import irl_dal
+from irl_dal import shortcuts
+from irl_dal.config import RunConfig
+from irl_dal.storage.run_folder import create_run
+
+SOURCE = Path(irl_dal.__file__).parent
+
+
+def test_a_run_folder_records_the_short_cuts_in_use(tmp_path: Path) -> None:
+    """`run.json` names each short cut and whether it was taken."""
+    folder = create_run(tmp_path / "run", RunConfig())
+    recorded = json.loads((folder.path / "run.json").read_text())["shortcuts"]
+    assert recorded == shortcuts.in_use()
+    assert recorded["compiled"] is True
+
+
+def test_compiles_where_no_cache_can_be_written(tmp_path: Path) -> None:
+    """A read-only installation of a user without a writable home compiles anew, and works."""
+    package = tmp_path / "irl_dal"
+    package.mkdir()
+    (package / "__init__.py").write_text("")
+    shutil.copy(SOURCE / "shortcuts.py", package)
+    shutil.copy(SOURCE / "planner" / "rollout.py", package)
+    (package / "__pycache__").write_text("a file: nobody can write into this folder")
+    program = (
+        "import numpy as np; from irl_dal.rollout import ego_rollout;"
+        "print(ego_rollout(np.ones((1, 2, 2)), 2.7, 0.1).x.shape)"
+    )
+    environment = os.environ | {
+        "HOME": "/dev/null",
+        "XDG_CACHE_HOME": "/dev/null",
+        "PYTHONPATH": str(tmp_path),
+        "PYTHONDONTWRITEBYTECODE": "1",
+    }
+    environment.pop("NUMBA_CACHE_DIR", None)
+    done = subprocess.run(
+        [sys.executable, "-c", program],
+        env=environment,
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+    assert done.stdout.strip() == "(1, 2)", done.stderr
