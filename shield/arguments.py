@@ -7,7 +7,7 @@ from typing import Any, TypeGuard
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.errors import InvalidProblem, ShieldError
+from shield.errors import InvalidProblem
 
 __all__ = [
     "as_action",
@@ -17,6 +17,7 @@ __all__ = [
     "as_horizon",
     "check_positive",
     "check_projector_arguments",
+    "check_within",
     "is_number",
 ]
 
@@ -98,7 +99,7 @@ def as_float(value: object) -> float:
         return math.inf if value > 0 else -math.inf
 
 
-def check_positive(error: type[ShieldError], **values: Any) -> None:
+def check_positive(error: type[Exception], **values: Any) -> None:
     """Refuse arguments that are not positive, finite numbers.
 
     Args:
@@ -108,6 +109,24 @@ def check_positive(error: type[ShieldError], **values: Any) -> None:
     for name, value in values.items():
         if not is_number(value) or not 0.0 < as_float(value) < math.inf:
             raise error(f"`{name}` must be positive and finite. Got {reprlib.repr(value)}.")
+
+
+def check_within(error: type[Exception], low: float, high: float, **values: Any) -> None:
+    """Refuse arguments that are not finite numbers in [`low`, `high`]; a bound may be infinite.
+
+    Args:
+        error: What to raise.
+        low: Smallest admissible value.
+        high: Largest admissible value.
+        **values: Arguments by name.
+    """
+    for name, value in values.items():
+        if is_number(value) and math.isfinite(as_float(value)) and low <= as_float(value) <= high:
+            continue
+        rule = f"lie in [{low:g}, {high:g}]"
+        if high == math.inf:
+            rule = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
+        raise error(f"`{name}` must {rule}. Got {reprlib.repr(value)}.")
 
 
 def check_projector_arguments(
