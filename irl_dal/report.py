@@ -15,7 +15,7 @@ from rich.console import Console
 from irl_dal.cli.command import run_command
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.summary import write_json
-from irl_dal.figures import Shown, write_pictures
+from irl_dal.figures import FigureWithCaption, write_pictures
 from irl_dal.figures.sweep import draw_dynamics, draw_overlay, draw_scores
 from irl_dal.figures.sweep_page import write_page
 from irl_dal.sweep.collection import Collection, collect
@@ -74,23 +74,25 @@ def _write(out: Path, collection: Collection, found: Numbers, rng: np.random.Gen
     write_page(out / "index.html", collection, found, figures)
 
 
-def _figures(collection: Collection, found: Numbers, rng: np.random.Generator) -> tuple[Shown, ...]:
+def _figures(
+    collection: Collection, found: Numbers, rng: np.random.Generator
+) -> tuple[FigureWithCaption, ...]:
     return (
-        Shown(
+        FigureWithCaption(
             "scores",
             draw_scores(collection, found),
             "Every number of the table",
             "Diamonds: interquartile mean over the runs; bars: 95 % stratified bootstrap interval; "
             "dots: single runs.",
         ),
-        Shown(
+        FigureWithCaption(
             "dynamics",
             draw_dynamics(collection, collection.boundary, rng),
             "Training dynamics",
             "Interquartile mean and 95 % interval over the runs, running mean of five rows. "
             "Dashed: the policy begins to drive.",
         ),
-        Shown(
+        FigureWithCaption(
             "overlay",
             draw_overlay(collection),
             "One bend, every variant",

@@ -14,14 +14,13 @@ from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, Column
 from irl_dal.comparison.trace import DenoisingTrace
 from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
-from irl_dal.figures import GREY, drawing
+from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, drawing
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
 from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits
 
 __all__ = [
-    "MODE_COLOURS",
     "draw_commands",
     "draw_denoising",
     "draw_differences",
@@ -30,15 +29,6 @@ __all__ = [
 ]
 
 Array = NDArray[np.float64]
-
-MODE_COLOURS = {
-    "none": "#e573a5",
-    "final": "#f2a007",
-    "x0": "#1f77d0",
-    "xt": "#7e57c2",
-    "adaptive": "#00897b",
-}
-"""One colour per projection mode, in every figure."""
 
 SHOWN = (
     "command_violation_rate",
@@ -49,9 +39,6 @@ SHOWN = (
     "ade_m",
 )
 """Numbers that get a panel."""
-
-OFF = "#d50000"
-"""What is out of bounds."""
 
 SHORTEST_VIEW = 10.0
 """How far ahead paths are shown at least [m], so that the lane can be seen around a slow plan."""
@@ -127,7 +114,13 @@ def draw_denoising(
                     bad = _broken(plan, context.previous, limits)
                     line = dict(color=MODE_COLOURS[trace.label], linewidth=0.9, alpha=0.75)
                     axes.plot(steps, degree * plan[:, 0], **line)
-                    axes.plot(steps[bad], degree * plan[bad, 0], ".", color=OFF, markersize=4.5)
+                    axes.plot(
+                        steps[bad],
+                        degree * plan[bad, 0],
+                        ".",
+                        color=PALETTE["violation"],
+                        markersize=4.5,
+                    )
             row[0].set_ylabel(f"{trace.label}\nsteering [°]")
         for axes, index in zip(grid[0], shown, strict=True):
             axes.set_title(f"k = {traces[0].k[index]}")
@@ -180,10 +173,10 @@ def draw_commands(
             bad = np.array([limits.violated(*pair) for pair in pairs])
             for axes, values in ((column[0], degree * done[:, 0]), (column[1], done[:, 1])):
                 axes.plot(time, values, color=MODE_COLOURS[mode], linewidth=1.3)
-                axes.plot(time[bad], values[bad], ".", color=OFF, markersize=4.0)
+                axes.plot(time[bad], values[bad], ".", color=PALETTE["violation"], markersize=4.0)
             used = _used(done, before, limits)
             column[2].plot(time, used, color=MODE_COLOURS[mode], linewidth=1.1)
-            column[2].plot(time[bad], used[bad], ".", color=OFF, markersize=4.0)
+            column[2].plot(time[bad], used[bad], ".", color=PALETTE["violation"], markersize=4.0)
             column[0].set_title(f"{label}: {int(bad.sum())} of {count} commands out of bounds")
             column[2].set_xlabel("time [s]")
         _lines(grid[0], degree * limits.low[0], degree * limits.high[0])

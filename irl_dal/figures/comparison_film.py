@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
 from irl_dal.evaluation.rig import Bench
-from irl_dal.figures.panels import WINDOW, CommandPlot, Moment
-from irl_dal.figures.top_view import PALETTE
+from irl_dal.figures.panels import WINDOW, CommandPlot, FilmFrame
+from irl_dal.figures.style import PALETTE
 from irl_dal.loop import Observation
 from shield import ActuatorLimits
 
@@ -44,7 +44,7 @@ class _Drive:
     recorder: EpisodeRecorder
     observation: Observation
     info: Mapping[str, Any]
-    moments: list[Moment] = field(default_factory=list)
+    frames: list[FilmFrame] = field(default_factory=list)
     over: bool = False
 
     @classmethod
@@ -68,12 +68,12 @@ class _Drive:
 
     def show(self, limits: ActuatorLimits) -> None:
         """Draw the present moment."""
-        if not self.over or not self.moments:
-            self.moments.append(Moment.of(len(self.moments) * limits.dt, self.info))
+        if not self.over or not self.frames:
+            self.frames.append(FilmFrame.of(len(self.frames) * limits.dt, self.info))
             view = self.bench.loop.render()
             if isinstance(view, np.ndarray):
                 self.half.picture = view
-        self.half.update(self.moments, self.info, limits, self.over)
+        self.half.update(self.frames, self.info, limits, self.over)
 
 
 class _Half:
@@ -96,18 +96,18 @@ class _Half:
         self._plots[1].explain()
 
     def update(
-        self, moments: list[Moment], info: Mapping[str, Any], limits: ActuatorLimits, over: bool
+        self, frames: list[FilmFrame], info: Mapping[str, Any], limits: ActuatorLimits, over: bool
     ) -> None:
-        """Show the newest moments and how many commands broke a bound."""
-        recent = moments[-round(WINDOW / limits.dt) - 1 :]
+        """Show the newest frames and how many commands broke a bound."""
+        recent = frames[-round(WINDOW / limits.dt) - 1 :]
         for plot in self._plots:
             plot.update(recent)
         broken = sum(
             limits.violated(after.executed, before.executed)
-            for before, after in zip(moments[:-1], moments[1:], strict=True)
+            for before, after in zip(frames[:-1], frames[1:], strict=True)
         )
         end = f"{_outcome(info)} · " if over else ""
-        self._state.set_text(f"{end}{broken} of {len(moments) - 1} commands out of bounds")
+        self._state.set_text(f"{end}{broken} of {len(frames) - 1} commands out of bounds")
         self._state.set_color(PALETTE["plan"] if broken else PALETTE["text"])
 
     def draw(self) -> None:
@@ -127,7 +127,7 @@ def film_pair(
     Args:
         path: WebM file to write; it appears when the film is complete.
         benches: Who drives left and right, each with `render_mode="rgb_array"`.
-        titles: Words above the halves.
+        titles: StatusPanel above the halves.
         seed: Of the episode.
         duration: After which nothing more is driven [s].
 

@@ -13,9 +13,8 @@ from irl_dal.comparison.table import ACTIVATIONS, RIDE_COLUMNS, SAFETY_COLUMNS, 
 from irl_dal.comparison.trace import telling_context, trace_plan
 from irl_dal.comparison.verdict import champion, findings
 from irl_dal.evaluation.episode import Episode
-from irl_dal.figures import Shown, render, write_pictures
+from irl_dal.figures import FigureWithCaption, render, write_pictures
 from irl_dal.figures.comparison import (
-    MODE_COLOURS,
     draw_commands,
     draw_denoising,
     draw_differences,
@@ -23,6 +22,7 @@ from irl_dal.figures.comparison import (
     draw_paths,
 )
 from irl_dal.figures.comparison_film import film_pair
+from irl_dal.figures.style import MODE_COLOURS
 from irl_dal.storage.atomic import write_text
 
 __all__ = ["render_page", "write_page"]
@@ -41,7 +41,9 @@ def write_page(subject: Subject, report: Mapping[str, Any]) -> None:
     write_text(subject.store.page, render_page(report, figures, film))
 
 
-def render_page(report: Mapping[str, Any], figures: Sequence[Shown], film: Path | None) -> str:
+def render_page(
+    report: Mapping[str, Any], figures: Sequence[FigureWithCaption], film: Path | None
+) -> str:
     """Fill the template.
 
     Args:
@@ -87,10 +89,12 @@ def _drives(
     return [(title, arm.projection, log) for title, arm, log in arms], film
 
 
-def _command_figure(subject: Subject, drives: Sequence[tuple[str, str, Episode]]) -> Shown:
+def _command_figure(
+    subject: Subject, drives: Sequence[tuple[str, str, Episode]]
+) -> FigureWithCaption:
     figure = draw_commands(drives, subject.config.limits, subject.comparison.film_duration)
     words = ACTIVATIONS[subject.comparison.activations[-1]]
-    return Shown(
+    return FigureWithCaption(
         "commands",
         figure,
         "Steering and speed against their bounds",
@@ -100,7 +104,7 @@ def _command_figure(subject: Subject, drives: Sequence[tuple[str, str, Episode]]
     )
 
 
-def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[Shown]:
+def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[FigureWithCaption]:
     """One plan being denoised, and where its candidates lead."""
     first = subject.comparison.activations[0]
     arms = [Arm(first, "none", True), Arm(first, champion(report), True)]
@@ -110,7 +114,7 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[Shown]:
     count = subject.comparison.candidates
     state = f"A risky state of seed {seed}, {count} plans, the same noise in both."
     return [
-        Shown(
+        FigureWithCaption(
             "denoising",
             draw_denoising(traces, context, limits),
             "One plan being denoised, without and with projection",
@@ -118,7 +122,7 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[Shown]:
             "guidance and projection. Shaded: what box and rate leave from the last executed "
             "command on. Red dots: commands that break a bound.",
         ),
-        Shown(
+        FigureWithCaption(
             "paths",
             draw_paths(traces, context, limits),
             "Where these plans lead",
@@ -127,20 +131,20 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[Shown]:
     ]
 
 
-def _number_figures(report: Mapping[str, Any]) -> list[Shown]:
+def _number_figures(report: Mapping[str, Any]) -> list[FigureWithCaption]:
     """Values and paired differences for each activation."""
     figures = []
     for activation in report["settings"]["activations"]:
         words = ACTIVATIONS[activation]
         figures += [
-            Shown(
+            FigureWithCaption(
                 f"numbers_{activation}",
                 draw_numbers(report, activation),
                 f"The arms side by side, {words}",
                 "Dots: values. Bars: 95 % bootstrap intervals over episodes. Filled: with the "
                 "shield; hollow: without.",
             ),
-            Shown(
+            FigureWithCaption(
                 f"differences_{activation}",
                 draw_differences(report, activation),
                 f"Paired differences from pure diffusion, {words}",

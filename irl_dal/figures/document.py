@@ -13,11 +13,11 @@ from matplotlib.figure import Figure
 
 from irl_dal.figures.style import picture, to_svg
 
-__all__ = ["Shown", "render", "write_pictures"]
+__all__ = ["FigureWithCaption", "render", "write_pictures"]
 
 
 @dataclass(frozen=True, slots=True)
-class Shown:
+class FigureWithCaption:
     """A figure with its words.
 
     Attributes:
@@ -38,7 +38,7 @@ class Shown:
         return Markup(to_svg(self.figure, self.name))
 
 
-def render(template: str, figures: Sequence[Shown], **content: Any) -> str:
+def render(template: str, figures: Sequence[FigureWithCaption], **content: Any) -> str:
     """Fill a template that extends `base.html.j2`.
 
     Args:
@@ -56,7 +56,7 @@ def render(template: str, figures: Sequence[Shown], **content: Any) -> str:
     return environment.get_template(template).render(figures=figures, **content)
 
 
-def write_pictures(figures: Sequence[Shown], folder: Path) -> None:
+def write_pictures(figures: Sequence[FigureWithCaption], folder: Path) -> None:
     """Write figures as PNG files too, for other documents."""
     folder.mkdir(parents=True, exist_ok=True)
     for shown in figures:

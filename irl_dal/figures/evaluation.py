@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
 from numpy.typing import NDArray
 
-from irl_dal.figures.top_view import PALETTE
+from irl_dal.figures.style import PALETTE
 from irl_dal.learning.metrics import read_metrics
 
 __all__ = ["draw_training"]
@@ -161,7 +161,7 @@ def _mark_phases(axes: Axes, boundary: int) -> None:
             textcoords="offset points",
             ha=side,
             fontsize=8,
-            color="#5f6368",
+            color=PALETTE["text"],
         )
 
 

@@ -13,9 +13,9 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from expert import Mode
-from irl_dal.figures.top_view import PALETTE
+from irl_dal.figures.style import PALETTE
 
-__all__ = ["CommandPlot", "Moment", "Words"]
+__all__ = ["CommandPlot", "FilmFrame", "StatusPanel"]
 
 Array = NDArray[np.float64]
 
@@ -24,7 +24,7 @@ WINDOW = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Moment:
+class FilmFrame:
     """What the film remembers of a step.
 
     Attributes:
@@ -42,7 +42,7 @@ class Moment:
     triggered: bool
 
     @classmethod
-    def of(cls, time: float, info: Mapping[str, Any]) -> Moment:
+    def of(cls, time: float, info: Mapping[str, Any]) -> FilmFrame:
         """Take it from `info`; after a reset nothing was commanded yet."""
         start = info["context"].previous
         return cls(
@@ -99,23 +99,23 @@ class CommandPlot:
         handles = [self._nominal, self._executed, on]
         self._axes.legend(handles=handles, loc="lower left", fontsize=7, framealpha=0.8)
 
-    def update(self, moments: Sequence[Moment]) -> None:
-        """Show the newest moments."""
-        time = np.array([moment.time for moment in moments]) - moments[-1].time
+    def update(self, frames: Sequence[FilmFrame]) -> None:
+        """Show the newest frames."""
+        time = np.array([frame.time for frame in frames]) - frames[-1].time
         for line, commands in (
-            (self._nominal, [moment.nominal for moment in moments]),
-            (self._executed, [moment.executed for moment in moments]),
+            (self._nominal, [frame.nominal for frame in frames]),
+            (self._executed, [frame.executed for frame in frames]),
         ):
             line.set_data(time, self._scale * np.array(commands)[:, self._component])
         self._tint.remove()
-        on = [moment.triggered for moment in moments]
+        on = [frame.triggered for frame in frames]
         self._tint = self._axes.fill_between(
             time, self._low, self._high, where=on, color=PALETTE["plan"], alpha=0.15, linewidth=0.0,
             animated=True,
         )  # fmt: skip
 
 
-class Words:
+class StatusPanel:
     """A small table of what is going on.
 
     Args:
@@ -139,20 +139,20 @@ class Words:
         """What has to be drawn."""
         return list(self._values.values())
 
-    def update(self, moment: Moment, info: Mapping[str, Any]) -> None:
-        """Write down the newest moment."""
+    def update(self, frame: FilmFrame, info: Mapping[str, Any]) -> None:
+        """Write down the newest frame."""
         risk, certificate = info["risk"], info.get("certificate")
         weight = info.get("blend_weight", 0.0)
         texts = {
-            "time": f"{moment.time:.1f} s",
+            "time": f"{frame.time:.1f} s",
             "speed": f"{float(info['speed']):.1f} m/s",
             "clearance": f"{float(info['clearance']):.1f} m",
             "expert's mode": Mode(info["mode"]).name.replace("_", " ").lower(),
             "risk": ", ".join(risk.reasons).replace("_", " ") if risk.risky else "none",
-            "planner": f"on, weight {weight:.2f}" if moment.triggered else "off",
+            "planner": f"on, weight {weight:.2f}" if frame.triggered else "off",
             "shield": "–" if certificate is None else str(certificate.status),
         }
-        hot = {"risk": risk.risky, "planner": moment.triggered}
+        hot = {"risk": risk.risky, "planner": frame.triggered}
         for name, text in texts.items():
             colour = PALETTE["plan"] if hot.get(name, False) else "black"
             self._values[name].set(text=text, color=colour)

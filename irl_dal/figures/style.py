@@ -1,4 +1,4 @@
-"""How the figures of pages look: vector drawings whose words the page colours."""
+"""How figures look: the palette of all of them, and the frame of those on pages."""
 
 from __future__ import annotations
 
@@ -11,10 +11,55 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = ["GREY", "PNG", "drawing", "picture", "to_svg"]
+__all__ = [
+    "GREY",
+    "MODE_COLOURS",
+    "PALETTE",
+    "VARIANT_COLOURS",
+    "drawing",
+    "picture",
+    "to_svg",
+]
 
 GREY = "#8a9099"
-"""Of lines and ticks: readable on white and on black."""
+"""Lines and ticks: readable on white and on black."""
+
+PALETTE = {
+    "ground": "#dfe6d8",
+    "road": "#8f959c",
+    "edge": "#ffffff",
+    "centre": "#f2b705",
+    "obstacle": "#33404f",
+    "barrel": "#d8611a",
+    "ego": "#1f77b4",  # of curves; the car itself is red as in the chase view
+    "plan": "#d81b60",
+    "car": "#b71c1c",
+    "lidar": "#00838f",
+    "trail": "#0b3c5d",
+    "muted": "#9aa0a6",
+    "text": "#5f6368",
+    "violation": "#d50000",
+}
+"""Colours by what is drawn."""
+
+MODE_COLOURS = {
+    "none": "#e573a5",
+    "final": "#f2a007",
+    "x0": "#1f77d0",
+    "xt": "#7e57c2",
+    "adaptive": "#00897b",
+}
+"""Colours of the projection modes."""
+
+VARIANT_COLOURS = {
+    "ppo_uniform": "#d64545",
+    "fsm_replay": "#e8890c",
+    "diffusion": "#c2a400",
+    "irl_dal": "#2e9e5b",
+    "shielded": "#1f77d0",
+    "paper": "#8c6bb1",
+}
+"""Colours of the variants, as in the paper's figures, where it has them."""
 
 _LOOK: dict[Any, Any] = {
     "font.family": ["sans-serif"],
@@ -41,7 +86,7 @@ _LOOK: dict[Any, Any] = {
     "svg.fonttype": "none",
 }
 
-PNG = 130
+_PNG = 130
 """Resolution of pictures [dots per inch]."""
 
 
@@ -68,4 +113,4 @@ def to_svg(figure: Figure, name: str) -> str:
 
 def picture(figure: Figure, path: str) -> None:
     """Write a figure as a PNG file on white."""
-    figure.savefig(path, dpi=PNG, facecolor="white")
+    figure.savefig(path, dpi=_PNG, facecolor="white")

@@ -12,25 +12,15 @@ from numpy.typing import NDArray
 
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
-from irl_dal.figures import GREY, drawing
+from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
 from irl_dal.sweep.aggregate import band
 from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.result import OVERLAY_SEED
 from irl_dal.sweep.table import COLUMNS, Numbers, label
 
-__all__ = ["VARIANT_COLOURS", "draw_dynamics", "draw_overlay", "draw_scores"]
+__all__ = ["draw_dynamics", "draw_overlay", "draw_scores"]
 
 Array = NDArray[np.float64]
-
-VARIANT_COLOURS = {
-    "ppo_uniform": "#d64545",
-    "fsm_replay": "#e8890c",
-    "diffusion": "#c2a400",
-    "irl_dal": "#2e9e5b",
-    "shielded": "#1f77d0",
-    "paper": "#8c6bb1",
-}
-"""As in the paper's figures, where it has them."""
 
 _PANELS = (
     ("rollout/episode_return", "Return, mean of the last 20 episodes", False),
@@ -161,7 +151,7 @@ def _road(axes: Axes, road: Road) -> Array:
     lines: Sequence[tuple[float, str, float, object]] = (
         (-HALF_WIDTH, GREY, 1.2, "-"),
         (HALF_WIDTH, GREY, 1.2, "-"),
-        (0.0, "#d9a400", 1.4, "-"),
+        (0.0, PALETTE["centre"], 1.4, "-"),
         (-LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
         (LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
     )

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
-from irl_dal.figures import Shown, render
-from irl_dal.figures.sweep import VARIANT_COLOURS
+from irl_dal.figures import FigureWithCaption, render
+from irl_dal.figures.style import VARIANT_COLOURS
 from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.findings import findings
@@ -16,7 +16,7 @@ __all__ = ["write_page"]
 
 
 def write_page(
-    path: Path, collection: Collection, found: Numbers, figures: Sequence[Shown]
+    path: Path, collection: Collection, found: Numbers, figures: Sequence[FigureWithCaption]
 ) -> None:
     """Fill the template.
 

@@ -12,27 +12,11 @@ from numpy.typing import NDArray
 from irl_dal.envs import Scene
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH
 from irl_dal.envs.vehicle import FRONT_BUMPER, LENGTH, REAR_OVERHANG, WIDTH, VehicleState
+from irl_dal.figures.style import PALETTE
 
-__all__ = ["PALETTE", "TopView"]
+__all__ = ["TopView"]
 
 Array = NDArray[np.float64]
-
-PALETTE = {
-    "ground": "#dfe6d8",
-    "road": "#8f959c",
-    "edge": "#ffffff",
-    "centre": "#f2b705",
-    "obstacle": "#33404f",
-    "barrel": "#d8611a",
-    "ego": "#1f77b4",
-    "plan": "#d81b60",
-    "car": "#b71c1c",
-    "lidar": "#00838f",
-    "trail": "#0b3c5d",
-    "muted": "#9aa0a6",
-    "text": "#5f6368",
-}
-"""Colours of the pictures; `ego` is for curves, the car itself is red as in the chase view."""
 
 AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0
 """What the view covers around the rear axle [m]."""

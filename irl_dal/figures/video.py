@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from irl_dal.figures.panels import WINDOW, CommandPlot, Moment, Words
+from irl_dal.figures.panels import WINDOW, CommandPlot, FilmFrame, StatusPanel
 from irl_dal.figures.top_view import TopView
 from irl_dal.loop import ControlLoop, Observation
 from shield import KinematicBicycle
@@ -53,7 +53,7 @@ class DriveFilm:
         self._duration = duration
         self._every = every
         self._bicycle = KinematicBicycle(loop.limits.wheelbase, loop.limits.dt)
-        self._moments: list[Moment] = []
+        self._frames: list[FilmFrame] = []
         self._canvas, axes = _layout()
         size = loop.city.config.image_size
         self._pictures = {
@@ -61,7 +61,7 @@ class DriveFilm:
             "camera": _picture(axes["camera"], (size, size)),
         }
         self._top = TopView(axes["top"], loop.city.config.lidar_range)
-        self._words = Words(axes["words"])
+        self._status = StatusPanel(axes["words"])
         low, high = loop.limits.low, loop.limits.high
         degree = float(np.degrees(1.0))
         self._plots = [
@@ -94,9 +94,9 @@ class DriveFilm:
 
     def watch(self, observation: Observation, info: Mapping[str, Any]) -> None:
         """Film the moment after the reset or after a step."""
-        step = len(self._moments)
+        step = len(self._frames)
         time = step * self._loop.limits.dt
-        self._moments.append(Moment.of(time, info))
+        self._frames.append(FilmFrame.of(time, info))
         if step % self._every == 0 and time <= self._duration:
             self._writer.append_data(self.frame(observation, info))
 
@@ -106,10 +106,10 @@ class DriveFilm:
         view = self._loop.render()
         if isinstance(view, np.ndarray):
             self._pictures["chase"].set_data(view)
-        trail = np.array([moment.pose[:2] for moment in self._moments])
+        trail = np.array([frame.pose[:2] for frame in self._frames])
         self._top.update(self._loop.city.scene(), trail, self._plan(info))
-        self._words.update(self._moments[-1], info)
-        recent = self._moments[-round(WINDOW / self._loop.limits.dt) - 1 :]
+        self._status.update(self._frames[-1], info)
+        recent = self._frames[-round(WINDOW / self._loop.limits.dt) - 1 :]
         for plot in self._plots:
             plot.update(recent)
         return self._compose()
@@ -117,7 +117,7 @@ class DriveFilm:
     def _compose(self) -> NDArray[np.uint8]:
         """What stands still, and on it what moves."""
         self._canvas.restore_region(self._background)
-        moving: list[Artist] = [*self._pictures.values(), *self._top.artists, *self._words.artists]
+        moving: list[Artist] = [*self._pictures.values(), *self._top.artists, *self._status.artists]
         for plot in self._plots:
             moving += plot.artists
         for artist in moving:
@@ -130,7 +130,7 @@ class DriveFilm:
         plan = info.get("plan")
         if plan is None:
             return None
-        start = self._moments[-2].pose
+        start = self._frames[-2].pose
         return np.vstack([start[:2], self._bicycle.rollout(start, plan.actions)[:, :2]])
 
 
