@@ -8,21 +8,17 @@ package's README.
 """
 
 from shield.errors import InvalidLimits, InvalidProblem, MissingDependency, ShieldError
+from shield.estimation.clearance import ClearanceEstimate, ClearanceTracker
 from shield.estimation.clusters import ClusterTracker, Track
-from shield.estimation.trackers import (
-    ClearanceEstimate,
-    ClearanceTracker,
-    LaneEstimate,
-    LaneMeasurement,
-    LaneTracker,
-)
+from shield.estimation.lane import LaneEstimate, LaneGeometry, LaneMeasurement, LaneTracker
+from shield.estimation.scan import ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
 from shield.projection.certificate import BatchProjection, Certificate, Projection, Status
 from shield.projection.projector import HorizonProjector
 from shield.safety_filter import SafetyFilter
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
-from shield.vehicle import KinematicBicycle
+from shield.vehicle import KinematicBicycle, VehicleGeometry
 from shield.world import BarrierConfig, ObstacleBarrier
 
 __all__ = [
@@ -39,6 +35,7 @@ __all__ = [
     "InvalidProblem",
     "KinematicBicycle",
     "LaneEstimate",
+    "LaneGeometry",
     "LaneMeasurement",
     "LaneTracker",
     "MissingDependency",
@@ -47,8 +44,10 @@ __all__ = [
     "Risk",
     "RiskTrigger",
     "SafetyFilter",
+    "ScannerGeometry",
     "ShieldError",
     "Status",
     "Track",
     "TriggerConfig",
+    "VehicleGeometry",
 ]

@@ -7,7 +7,8 @@ import numpy as np
 
 from shield.arguments import as_array, as_float, check_positive, is_number
 from shield.errors import InvalidLimits
-from shield.estimation.trackers import ClearanceEstimate, LaneEstimate
+from shield.estimation.clearance import ClearanceEstimate
+from shield.estimation.lane import LaneEstimate
 
 __all__ = ["Risk", "RiskTrigger", "TriggerConfig"]
 

@@ -1,4 +1,4 @@
-r"""The kinematic bicycle, written once in CasADi.
+r"""The car's outline, and the kinematic bicycle, written once in CasADi.
 
 ====================  ==========================================
 symbol                 meaning
@@ -15,6 +15,7 @@ L (wheelbase)          distance between the axles [m]
 The lateral acceleration of the rear axle is :math:`v\dot\psi = v^2\tan\delta/L`.
 """
 
+from dataclasses import dataclass
 from typing import Any
 
 import casadi
@@ -24,7 +25,41 @@ from numpy.typing import ArrayLike, NDArray
 from shield.arguments import as_array, as_horizon, check_positive
 from shield.errors import InvalidLimits
 
-__all__ = ["KinematicBicycle", "LateralRows"]
+__all__ = ["KinematicBicycle", "LateralRows", "VehicleGeometry"]
+
+
+@dataclass(frozen=True, slots=True)
+class VehicleGeometry:
+    """Outline of the car; its wheelbase is `ActuatorLimits.wheelbase`.
+
+    Attributes:
+        length: From bumper to bumper [m].
+        width: Of the body [m].
+        front_bumper: From the rear axle to the front bumper [m].
+
+    Raises:
+        InvalidLimits: A length is not positive and finite, or the rear axle lies outside the body.
+    """
+
+    length: float = 4.5
+    width: float = 1.8
+    front_bumper: float = 3.6
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        check_positive(
+            InvalidLimits, length=self.length, width=self.width, front_bumper=self.front_bumper
+        )
+        if self.front_bumper >= self.length:
+            raise InvalidLimits(
+                f"`front_bumper` must be below `length` = {self.length!r}. "
+                f"Got {self.front_bumper!r}."
+            )
+
+    @property
+    def rear_overhang(self) -> float:
+        """From the rear axle back to the rear bumper [m]."""
+        return self.length - self.front_bumper
 
 
 class KinematicBicycle:

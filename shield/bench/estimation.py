@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.estimation.trackers import ClearanceTracker
+from shield.estimation.clearance import ClearanceTracker
 
 __all__ = ["ScanFaults", "simulate_drive", "tracking_against_raw"]
 

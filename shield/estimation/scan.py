@@ -10,16 +10,70 @@ beams within w have to be that short. Beams that gave nothing count as infinitel
 """
 
 import math
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array, is_number
-from shield.errors import InvalidProblem
+from shield.arguments import as_array, check_positive, is_number
+from shield.errors import InvalidLimits, InvalidProblem
+from shield.vehicle import VehicleGeometry
 
-__all__ = ["ScanFilter"]
+__all__ = ["DEFAULT_SCANNER", "ScanFilter", "ScannerGeometry"]
 
 Array = NDArray[np.float64]
+
+RANGE_MARGIN = 0.5  # [m] a reading this near to the maximum range, or beyond, is no return
+
+
+@dataclass(frozen=True, slots=True)
+class ScannerGeometry:
+    """Where a flat scanner is mounted, where its beams point and how far they reach.
+
+    Attributes:
+        beams: Number of beams n (Table II).
+        field_of_view: Angle from beam 0, at the right, counter-clockwise to the last beam [rad].
+        max_range: Range, and the reading where nothing returns [m].
+        mount: From the rear axle forward to the scanner, in the middle of the front bumper [m].
+
+    Raises:
+        InvalidLimits: A field is not positive and finite, fewer than two beams, or a field of view
+            of more than a full turn.
+    """
+
+    beams: int = 180
+    field_of_view: float = math.pi
+    max_range: float = 40.0
+    mount: float = VehicleGeometry().front_bumper
+
+    def __post_init__(self) -> None:
+        """Check every field."""
+        if not isinstance(self.beams, (int, np.integer)) or isinstance(self.beams, bool):
+            raise InvalidLimits(f"`beams` must be an integer. Got {self.beams!r}.")
+        if self.beams < 2:
+            raise InvalidLimits(f"`beams` must be at least 2. Got {self.beams!r}.")
+        check_positive(
+            InvalidLimits,
+            field_of_view=self.field_of_view,
+            max_range=self.max_range,
+            mount=self.mount,
+        )
+        if self.field_of_view > 2.0 * math.pi:
+            raise InvalidLimits(
+                f"`field_of_view` must be at most 2 pi. Got {self.field_of_view!r}."
+            )
+
+    @property
+    def angles(self) -> Array:
+        """Bearings of the beams (n,) [rad], 0 ahead, positive to the left."""
+        return np.linspace(-0.5 * self.field_of_view, 0.5 * self.field_of_view, self.beams)
+
+    def returned(self, scan: Array) -> NDArray[np.bool_]:
+        """Which beams of a scan (n,) [m] hit something, (n,); NaN and ranges <= 0 did not."""
+        return (scan > 0.0) & (scan < self.max_range - RANGE_MARGIN)
+
+
+DEFAULT_SCANNER = ScannerGeometry()
 
 
 class ScanFilter:

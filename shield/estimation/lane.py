@@ -1,7 +1,7 @@
-r"""Trackers of what the risk trigger watches: free distance ahead and pose in the lane.
+r"""Lane geometry, and the pose in the lane tracked from sighting to sighting.
 
-Both run a filterpy Kalman filter, gate measurements that do not fit, coast through missing ones
-(`update(None)`, never NaN) and say how old the last accepted measurement is.
+A filterpy Kalman filter gates measurements that do not fit, coasts through missing ones
+(`update(None)`, never NaN) and reports the age of the last accepted measurement.
 
 =======  =====================================================================
 symbol   meaning
@@ -18,45 +18,40 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 from filterpy.kalman import KalmanFilter
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from shield.arguments import as_array, check_positive, is_number
-from shield.errors import InvalidProblem
-from shield.estimation.scan import ScanFilter
+from shield.errors import InvalidLimits, InvalidProblem
 
-__all__ = [
-    "ClearanceEstimate",
-    "ClearanceTracker",
-    "LaneEstimate",
-    "LaneMeasurement",
-    "LaneTracker",
-]
+__all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
 
 Array = NDArray[np.float64]
 
-# 99.9 % quantiles of chi² with 1 and 2 degrees of freedom.
-_GATE_1, _GATE_2 = 10.83, 13.82
-# Speeds [m/s] and yaw rates [rad/s] beyond this are defects of the sensor, not motion.
-_FASTEST = 1e3
+GATE = 13.82  # 99.9 % quantile of chi² with 2 degrees of freedom
+MAX_MOTION = 1e3  # [m/s], [rad/s] beyond this a reading is a defect of the sensor, not motion
 
 
 @dataclass(frozen=True, slots=True)
-class ClearanceEstimate:
-    """Tracked free distance.
+class LaneGeometry:
+    """The lanes of the own direction: the home lane, and the passing lane to its left.
 
     Attributes:
-        clearance: Distance to the nearest obstacle in view [m].
-        closing_speed: Rate at which it shrinks [m/s], positive when approaching.
-        std: Standard deviation of `clearance` [m].
-        age: Time since the last accepted scan [s]; infinite before the first.
-        valid: True while `age` is within the tracker's `max_age`.
+        width: Width of a lane [m]. Default: an urban main road's.
+
+    Raises:
+        InvalidLimits: `width` is not positive and finite.
     """
 
-    clearance: float
-    closing_speed: float
-    std: float
-    age: float
-    valid: bool
+    width: float = 3.5
+
+    def __post_init__(self) -> None:
+        """Check the field."""
+        check_positive(InvalidLimits, width=self.width)
+
+    @property
+    def centres(self) -> tuple[float, ...]:
+        """Lane centres, measured left of the home lane's [m]."""
+        return (0.0, self.width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,136 +96,6 @@ class LaneEstimate:
     offset_std: float
     age: float
     valid: bool
-
-
-class ClearanceTracker:
-    r"""Tracks the clearance and its rate, a constant-velocity Kalman filter on scan minima.
-
-    The measurement is the smallest range that a cluster of neighbouring beams supports (see
-    `scan`), so one spurious or stuck beam does not move it. What the cluster supports is
-    believed at once when it is *nearer* than predicted: the filter restarts there within the same
-    step. When it is much *further* than predicted it has to be confirmed by the next scans first,
-    since dropouts can hide an obstacle but not invent one.
-
-    Args:
-        dt: Period of the scans [s].
-        max_range: Largest range of the sensor, reported where nothing returns [m].
-        range_std: Standard deviation of the measured minimum [m].
-        acceleration_std: Standard deviation of the relative acceleration [m/s²].
-        max_age: Age from which the estimate is invalid [s].
-        confirmations: Scans in a row that must agree before the clearance jumps up.
-
-    Raises:
-        InvalidProblem: An argument is not positive and finite.
-    """
-
-    def __init__(
-        self,
-        dt: float,
-        max_range: float = 40.0,
-        *,
-        range_std: float = 0.05,
-        acceleration_std: float = 4.0,
-        max_age: float = 0.3,
-        confirmations: int = 3,
-    ) -> None:
-        check_positive(
-            InvalidProblem,
-            dt=dt,
-            max_range=max_range,
-            range_std=range_std,
-            acceleration_std=acceleration_std,
-            max_age=max_age,
-            confirmations=confirmations,
-        )
-        self._dt, self._max_range, self._max_age = dt, max_range, max_age
-        self._range_std = range_std
-        self._confirmations = confirmations
-        self._scan_filter = ScanFilter(max_range)
-        self._filter = KalmanFilter(dim_x=2, dim_z=1)
-        self._filter.F = np.array([[1.0, dt], [0.0, 1.0]])
-        self._filter.H = np.array([[1.0, 0.0]])
-        self._filter.R = np.array([[range_std**2]])
-        self._filter.Q = acceleration_std**2 * np.array(
-            [[dt**4 / 4.0, dt**3 / 2.0], [dt**3 / 2.0, dt**2]]
-        )
-        self.reset()
-
-    def reset(self) -> None:
-        """Forget everything; the estimate is invalid until the first scan."""
-        self._scan_filter.reset()
-        self._age = math.inf
-        self._jumps = 0
-        self._restart(self._max_range)
-
-    @np.errstate(all="ignore")
-    def update(self, scan: ArrayLike | None, speed: float | None = None) -> ClearanceEstimate:
-        """Advance by one period.
-
-        Args:
-            scan: Ranges [m], shape (n,), counter-clockwise from the right; infinite or beyond
-                `max_range` where nothing returns; NaN or not positive where a beam gave nothing.
-                None when there is no scan at all.
-            speed: Own speed [m/s], if known: a scan that repeats itself bit by bit while driving
-                comes from a dead sensor.
-
-        Returns:
-            The estimate after this period.
-
-        Raises:
-            InvalidProblem: `scan` is not one-dimensional or is empty.
-        """
-        measured = None if scan is None else self._scan_filter.nearest(scan, speed)
-        kalman = self._filter
-        kalman.predict()
-        self._age += self._dt
-        if measured is None:
-            kalman.update(None)
-        elif math.isinf(self._age):
-            self._restart(measured)
-            self._age = 0.0
-        elif self._accept(measured):
-            self._age = 0.0
-        self._clip()
-        return ClearanceEstimate(
-            clearance=float(kalman.x[0]),
-            closing_speed=-float(kalman.x[1]),
-            std=math.sqrt(float(kalman.P[0, 0])),
-            age=self._age,
-            valid=self._age <= self._max_age,
-        )
-
-    def _accept(self, measured: float) -> bool:
-        """Fuse a measurement, restart at it, or hold it back until confirmed."""
-        kalman = self._filter
-        innovation = measured - float(kalman.x[0])
-        variance = float(kalman.P[0, 0]) + self._range_std**2
-        if innovation * innovation <= _GATE_1 * variance:
-            kalman.update(np.array([measured]))
-            self._jumps = 0
-            return True
-        if innovation > 0.0:
-            self._jumps += 1
-            if self._jumps < self._confirmations:
-                kalman.update(None)
-                return False
-        self._restart(measured)
-        self._jumps = 0
-        return True
-
-    def _restart(self, clearance: float) -> None:
-        """Put the state at a clearance with an unknown rate."""
-        self._filter.x = np.array([clearance, 0.0])
-        # Relative speeds up to some 10 m/s are ordinary.
-        self._filter.P = np.diag([self._range_std**2, 10.0**2])
-
-    def _clip(self) -> None:
-        """Keep the clearance in the range of the sensor; at its end nothing approaches."""
-        x = self._filter.x
-        if x[0] >= self._max_range:
-            self._filter.x = np.array([self._max_range, min(float(x[1]), 0.0)])
-        elif x[0] < 0.0:
-            self._filter.x = np.array([0.0, float(x[1])])
 
 
 class LaneTracker:
@@ -328,13 +193,13 @@ class LaneTracker:
     def _predict(self, speed: float, yaw_rate: float) -> None:
         """Move the state with the car."""
         dt = self._dt
-        self._speed = v = float(speed) if abs(speed) <= _FASTEST else self._speed
-        known = abs(yaw_rate) <= _FASTEST
+        self._speed = v = float(speed) if abs(speed) <= MAX_MOTION else self._speed
+        known = abs(yaw_rate) <= MAX_MOTION
         omega = float(yaw_rate) if known else v * float(self._filter.x[2])
         transition = np.eye(4)
         transition[0, 1] = v * dt
-        transition[1, 2] = transition[2, 3] = v * dt
         transition[1, 2] = -v * dt
+        transition[2, 3] = v * dt
         # Slip and yaw-rate error, heading noise, bends that change along the way.
         deviation = dt * np.array(
             [0.2 + 0.02 * abs(v), 0.05 if known else 0.5, 0.002 * abs(v), 0.001 * abs(v)]
@@ -358,7 +223,7 @@ class LaneTracker:
         R = np.diag(noise[present] ** 2)
         y = z[:2] - kalman.x[:2]
         S = kalman.P[:2, :2] + R[:2, :2]
-        if float(y @ np.linalg.solve(S, y)) > _GATE_2 and math.isfinite(self._age):
+        if float(y @ np.linalg.solve(S, y)) > GATE and math.isfinite(self._age):
             self._rejected += 1
             if self._rejected < self._max_rejected:
                 kalman.update(None)
