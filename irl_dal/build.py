@@ -22,7 +22,7 @@ from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_polic
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
-from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore
+from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 from shield import SafetyFilter
 
 __all__ = [
@@ -113,7 +113,8 @@ def load_run(
         planner: Takes over its weights; None where the run has none.
 
     Raises:
-        CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated.
+        CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated,
+            of another configuration, or its weights are not finite.
     """
     state = CheckpointStore(run_dir).load().state
     policy = _policy(config, loop)
@@ -121,11 +122,8 @@ def load_run(
         policy.load_state_dict(state["policy"])
         if planner is not None:
             planner.load_state_dict(state["diffusion"]["network"])
-    except (RuntimeError, TypeError, KeyError) as error:
-        what = str(error).splitlines()[0]
-        raise CheckpointError(
-            f"{run_dir}: the weights do not fit the configuration ({what})"
-        ) from None
+    except MISFITS as error:
+        raise CheckpointError.misfit(run_dir, "the configuration", error) from None
     policy.set_training_mode(False)
     return policy
 

@@ -24,6 +24,7 @@ from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.memory import keep_freed_memory
+from irl_dal.storage.lock import run_lock
 from irl_dal.storage.run_folder import RunFolder, create_run, default_run_dir, open_run, provenance
 
 __all__ = ["main"]
@@ -48,8 +49,9 @@ def _main(composed: DictConfig) -> None:
         console.print(f"finished already: {folder.path}")
         return
     try:
-        _train(folder, console)
-        show_run(folder, console)
+        with run_lock(folder.path):
+            _train(folder, console)
+            show_run(folder, console)
     except KeyboardInterrupt:
         console.print(f"interrupted; go on with resume={folder.path}")
         raise SystemExit(INTERRUPTED) from None

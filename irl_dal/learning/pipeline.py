@@ -49,7 +49,7 @@ from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
-from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore
+from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 
 __all__ = ["Pipeline"]
 
@@ -174,9 +174,8 @@ class Pipeline:
             self._load(checkpoint.state)
         except CheckpointError:
             raise
-        except (KeyError, RuntimeError, TypeError, ValueError) as error:
-            what = str(error).splitlines()[0]
-            raise CheckpointError(f"{checkpoint.folder}: does not fit this run ({what})") from None
+        except MISFITS as error:
+            raise CheckpointError.misfit(checkpoint.folder, "this run", error) from None
         self.fleet.begin_at(self.recorder.upcoming)
         self._exported = self.replay.counter
         self.step = checkpoint.step

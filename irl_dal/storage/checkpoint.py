@@ -1,66 +1,53 @@
-"""Checkpoints that survive `kill -9`: safetensors for arrays, JSON for the rest, never pickle.
+"""Checkpoints: safetensors for arrays, JSON for the rest, never pickle.
 
     run/checkpoints/
-      000012/state.json              counters, optimiser scalars, provenance, sizes and checksums
+      000012/state.json              counters, optimiser scalars, provenance
       000012/tensors.safetensors     every tensor and array of the state
-      replay/000001.safetensors ...  append-only shards of the replay buffer
+      replay/000001.safetensors ...  what the replay buffer gained between two checkpoints
 
-A checkpoint is written into a hidden folder, flushed to the disk and renamed; only then does the
-previous one go. Shards are written before the checkpoint that names them, so whatever moment the
-process dies at, the newest folder is complete and everything it names exists.
+A checkpoint is written into a hidden folder that is then renamed; only after that the previous one
+is removed, and shards are written before the checkpoint that counts them. A process may therefore
+be killed at any moment: the newest folder is complete. File modes follow the umask.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import shutil
-import zlib
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import numpy as np
 import torch
 from numpy.typing import NDArray
 from safetensors import SafetensorError
-from safetensors.numpy import load_file as load_arrays
-from safetensors.numpy import save_file as save_arrays
+from safetensors.numpy import load as load_arrays
+from safetensors.numpy import save as save_arrays
 
-__all__ = [
-    "FORMAT_VERSION",
-    "Checkpoint",
-    "CheckpointError",
-    "CheckpointStore",
-    "FileRecord",
-    "pack",
-    "unpack",
-]
+__all__ = ["FORMAT_VERSION", "MISFITS", "Checkpoint", "CheckpointError", "CheckpointStore"]
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 """Raised whenever a checkpoint of the previous code could be misread."""
+
+MISFITS = (AttributeError, IndexError, KeyError, RuntimeError, TypeError, ValueError)
+"""What torch, numpy and dictionaries raise when a state is loaded into something else."""
+
+_STATE, _TENSORS = "state.json", "tensors.safetensors"
 
 Arrays = dict[str, NDArray[Any]]
 
 
 class CheckpointError(RuntimeError):
-    """A checkpoint cannot be used; the message is one line naming the file and what is wrong."""
+    """A checkpoint cannot be used or written; one line that names the run and what is wrong."""
 
-
-@dataclass(frozen=True, slots=True)
-class FileRecord:
-    """A written file, as its checkpoint remembers it.
-
-    Attributes:
-        name: File name.
-        size: Bytes.
-        crc32: Checksum of the bytes.
-    """
-
-    name: str
-    size: int
-    crc32: int
+    @classmethod
+    def misfit(cls, path: Path, purpose: str, error: Exception) -> CheckpointError:
+        """The line for an error of `MISFITS`."""
+        what = shorten(str(error), 200)
+        return cls(f"{path}: does not fit {purpose} ({type(error).__name__}: {what})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,32 +58,29 @@ class Checkpoint:
         folder: Where it lies.
         step: Environment steps at which it was written.
         state: Nested dictionaries, as they were handed to `CheckpointStore.save`.
-        provenance: Commit, config hash and whatever else the writer wanted to be known.
-        shards: Replay shards that belong to it, oldest first.
+        provenance: Commit, config hash and whatever else the writer recorded.
+        shards: Number of replay shards that belong to it.
     """
 
     folder: Path
     step: int
     state: dict[str, Any]
     provenance: dict[str, str]
-    shards: tuple[FileRecord, ...]
+    shards: int
 
 
-@dataclass(slots=True)
 class CheckpointStore:
     """The checkpoints of one run.
 
-    Attributes:
+    Args:
         run_dir: Run folder; everything is kept in its `checkpoints` folder.
     """
 
-    run_dir: Path
-    _shards: list[FileRecord] = field(default_factory=list)
-
-    @property
-    def folder(self) -> Path:
-        """Where the checkpoints are."""
-        return self.run_dir / "checkpoints"
+    def __init__(self, run_dir: Path) -> None:
+        self.run_dir = run_dir
+        self.folder = run_dir / "checkpoints"
+        self._replay = self.folder / "replay"
+        self._shards = 0
 
     def save(
         self,
@@ -113,36 +97,38 @@ class CheckpointStore:
             state: Nested dictionaries, lists and tuples of tensors, arrays, numbers, strings, None.
             step: Environment steps so far.
             provenance: Commit, config hash, ...
-            shard: What the replay buffer holds that no earlier shard has.
-            final: The run is complete: name no shards and remove them all.
+            shard: What the replay buffer gained since the last checkpoint.
+            final: The run is complete: remove the replay shards.
 
         Returns:
             The folder written.
 
         Raises:
             TypeError: If the state holds something that is neither of these.
+            CheckpointError: If an array is not finite; the older checkpoint stays.
         """
+        arrays, skeleton = pack(state)
+        _require_finite(arrays, f"{self.run_dir}: step {step}")
         if final:
-            self._shards = []
+            self._shards = 0
         elif shard is not None and len(next(iter(shard.values()))):
             self._append(shard)
-        arrays, skeleton = pack(state)
-        number = max((int(path.name) for path in self._complete()), default=0) + 1
-        hidden = self.folder / f".{number:06d}.part"
-        shutil.rmtree(hidden, ignore_errors=True)
-        hidden.mkdir(parents=True)
+        tensors = save_arrays(arrays)
         document = {
             "format": FORMAT_VERSION,
             "step": step,
             "provenance": dict(provenance or {}),
-            "tensors": asdict(_write_arrays(hidden / "tensors.safetensors", arrays)),
-            "shards": [asdict(record) for record in self._shards],
+            "tensors": {"size": len(tensors)},
+            "shards": self._shards,
             "state": skeleton,
         }
-        _write_bytes(hidden / "state.json", json.dumps(document).encode())
-        _flush_folder(hidden)
+        number = max((int(path.name) for path in self._complete()), default=0) + 1
+        hidden = self.folder / f".{number:06d}.part"
+        shutil.rmtree(hidden, ignore_errors=True)
+        hidden.mkdir(parents=True)
+        (hidden / _TENSORS).write_bytes(tensors)
+        (hidden / _STATE).write_text(json.dumps(document), encoding="utf-8")
         target = hidden.rename(self.folder / f"{number:06d}")
-        _flush_folder(self.folder)
         self._remove_others(target)
         if final:
             shutil.rmtree(self._replay, ignore_errors=True)
@@ -152,36 +138,39 @@ class CheckpointStore:
         """Read the newest checkpoint, without its shards.
 
         Raises:
-            CheckpointError: If there is none, or it is of another version, damaged or truncated.
+            CheckpointError: If there is none, or it is of another version, damaged, truncated, or
+                holds weights that are not finite.
         """
-        folder = self._newest()
-        path = folder / "state.json"
-        document = _read_document(path)
+        if not self.run_dir.is_dir():
+            raise CheckpointError(f"{self.run_dir}: there is no such run folder")
+        complete = self._complete()
+        if not complete:
+            raise CheckpointError(f"{self.run_dir}: the run folder holds no checkpoint")
+        folder = complete[-1]
+        path = folder / _STATE
         try:
-            record = FileRecord(**document["tensors"])
-            shards = tuple(FileRecord(**entry) for entry in document["shards"])
-            step, skeleton, provenance = (document[k] for k in ("step", "state", "provenance"))
-        except (KeyError, TypeError) as error:
-            raise CheckpointError(f"{path}: incomplete ({error})") from None
-        arrays = _read_arrays(folder / record.name, record)
-        return Checkpoint(folder, step, unpack(arrays, skeleton), provenance, shards)
+            document = _document(path)
+            arrays = _read_arrays(folder / _TENSORS, document["tensors"]["size"])
+            state = unpack(arrays, document["state"])
+            parts = document["step"], state, document["provenance"], document["shards"]
+        except (KeyError, TypeError, ValueError, RecursionError) as error:
+            what = f"{type(error).__name__}: {shorten(str(error), 100)}"
+            raise CheckpointError(f"{path}: incomplete or damaged ({what})") from None
+        if not all(map(isinstance, parts, (int, dict, dict, int))):
+            raise CheckpointError(f"{path}: damaged, an entry is of the wrong kind")
+        _require_finite(arrays, str(folder))
+        return Checkpoint(folder, *parts)
 
     def resume(self) -> Checkpoint:
         """Read the newest checkpoint and go on writing after it.
 
-        Shards that it does not name, of an interval that was lost, are removed.
+        Shards that it does not count, of an interval that was lost, are overwritten.
 
         Raises:
-            CheckpointError: As `load`; also if a shard is missing or damaged.
+            CheckpointError: As `load`.
         """
         checkpoint = self.load()
-        for record in checkpoint.shards:
-            _check(self._replay / record.name, record)
-        self._shards = list(checkpoint.shards)
-        known = {record.name for record in self._shards}
-        for path in self._replay.glob("*"):
-            if path.name not in known:
-                path.unlink()
+        self._shards = checkpoint.shards
         self._remove_others(checkpoint.folder)
         return checkpoint
 
@@ -191,26 +180,18 @@ class CheckpointStore:
         Raises:
             CheckpointError: If one is missing or damaged.
         """
-        for record in checkpoint.shards:
-            yield _read_arrays(self._replay / record.name, record)
-
-    @property
-    def _replay(self) -> Path:
-        return self.folder / "replay"
+        return (_read_arrays(self._shard(i + 1)) for i in range(checkpoint.shards))
 
     def _append(self, shard: Mapping[str, NDArray[Any]]) -> None:
         self._replay.mkdir(parents=True, exist_ok=True)
-        path = self._replay / f"{len(self._shards) + 1:06d}.safetensors"
-        self._shards.append(_write_arrays(path, dict(shard)))
-        _flush_folder(self._replay)
+        path = self._shard(self._shards + 1)
+        hidden = path.with_name(f".{path.name}.part")
+        hidden.write_bytes(save_arrays(dict(shard)))
+        hidden.replace(path)
+        self._shards += 1
 
-    def _newest(self) -> Path:
-        if not self.run_dir.is_dir():
-            raise CheckpointError(f"{self.run_dir}: there is no such run folder")
-        found = self._complete()
-        if not found:
-            raise CheckpointError(f"{self.run_dir}: the run folder holds no checkpoint")
-        return found[-1]
+    def _shard(self, number: int) -> Path:
+        return self._replay / f"{number:06d}.safetensors"
 
     def _complete(self) -> list[Path]:
         return sorted(path for path in self.folder.glob("*") if path.name.isdecimal())
@@ -232,19 +213,25 @@ def pack(state: Any) -> tuple[Arrays, Any]:
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], skeleton: Any) -> Any:
-    """Put together what `pack` took apart."""
+    """Put together what `pack` took apart.
+
+    Raises:
+        KeyError, TypeError, ValueError, RecursionError: If `skeleton` is not of `pack`.
+    """
     if isinstance(skeleton, list):
         return [unpack(arrays, entry) for entry in skeleton]
     if not isinstance(skeleton, dict):
         return skeleton
-    kind = skeleton["kind"]
-    if kind == "tensor":
-        return torch.from_numpy(arrays[skeleton["key"]].copy())
-    if kind == "array":
-        return arrays[skeleton["key"]]
-    if kind == "tuple":
-        return tuple(unpack(arrays, entry) for entry in skeleton["items"])
-    return {key: unpack(arrays, value) for key, value in skeleton["items"]}
+    match skeleton["kind"]:
+        case "tensor":
+            return torch.from_numpy(arrays[skeleton["key"]].copy())
+        case "array":
+            return arrays[skeleton["key"]]
+        case "tuple":
+            return tuple(unpack(arrays, entry) for entry in skeleton["items"])
+        case "dict":
+            return {key: unpack(arrays, value) for key, value in skeleton["items"]}
+    raise ValueError(f"there is no kind {skeleton['kind']!r}")
 
 
 def _pack(value: Any, path: str, arrays: Arrays) -> Any:
@@ -266,65 +253,39 @@ def _pack(value: Any, path: str, arrays: Arrays) -> Any:
     raise TypeError(f"`{path}` cannot be stored in a checkpoint. Got a {type(value).__name__}.")
 
 
-def _read_document(path: Path) -> dict[str, Any]:
+def _require_finite(arrays: Arrays, where: str) -> None:
+    for name, values in arrays.items():
+        if values.dtype.kind == "f" and not np.isfinite(values).all():
+            raise CheckpointError(f"{where}: {name} is not finite, the training diverged")
+
+
+def _document(path: Path) -> dict[str, Any]:
     try:
-        document = json.loads(path.read_bytes())
+        document = json.loads(_read(path))
+    except ValueError:
+        raise CheckpointError(f"{path}: not valid JSON, truncated or damaged") from None
+    written = document.get("format") if isinstance(document, dict) else None
+    if written != FORMAT_VERSION:
+        raise CheckpointError(f"{path}: format {written} where this version reads {FORMAT_VERSION}")
+    return dict(document)
+
+
+def _read_arrays(path: Path, size: int | None = None) -> Arrays:
+    content = _read(path)
+    if size is not None and len(content) != size:
+        raise CheckpointError(f"{path}: {len(content)} bytes of {size}, truncated or damaged")
+    try:
+        return load_arrays(content)
+    except SafetensorError as error:
+        raise CheckpointError(
+            f"{path}: truncated or damaged ({shorten(str(error), 100)})"
+        ) from None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        return path.read_bytes()
     except FileNotFoundError:
         raise CheckpointError(f"{path}: the file is missing") from None
-    except (ValueError, UnicodeDecodeError):
-        raise CheckpointError(f"{path}: not valid JSON, truncated or damaged") from None
-    found = document.get("format") if isinstance(document, dict) else None
-    if found != FORMAT_VERSION:
-        raise CheckpointError(f"{path}: format {found} where this version reads {FORMAT_VERSION}")
-    return document
-
-
-def _read_arrays(path: Path, record: FileRecord) -> Arrays:
-    _check(path, record)
-    try:
-        return load_arrays(path)
-    except SafetensorError as error:
-        raise CheckpointError(f"{path}: not a safetensors file ({error})") from None
-
-
-def _check(path: Path, record: FileRecord) -> None:
-    if not path.is_file():
-        raise CheckpointError(f"{path}: the file is missing")
-    size = path.stat().st_size
-    if size != record.size:
-        raise CheckpointError(f"{path}: {size} bytes where {record.size} were written, truncated")
-    if _crc32(path) != record.crc32:
-        raise CheckpointError(f"{path}: the checksum differs, the file is damaged")
-
-
-def _crc32(path: Path) -> int:
-    checksum = 0
-    with path.open("rb") as file:
-        while block := file.read(1 << 20):
-            checksum = zlib.crc32(block, checksum)
-    return checksum
-
-
-def _write_arrays(path: Path, arrays: Arrays) -> FileRecord:
-    hidden = path.with_name(f".{path.name}.part")
-    save_arrays(arrays, hidden)
-    with hidden.open("rb") as file:
-        os.fsync(file.fileno())
-    record = FileRecord(path.name, hidden.stat().st_size, _crc32(hidden))
-    hidden.replace(path)
-    return record
-
-
-def _write_bytes(path: Path, content: bytes) -> None:
-    with path.open("wb") as file:
-        file.write(content)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _flush_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    except OSError as error:
+        raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from None

@@ -1,4 +1,5 @@
 import json
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -6,9 +7,11 @@ from pathlib import Path
 
 import pytest
 import yaml
+from safetensors.numpy import load_file, save_file
 
 from irl_dal import evaluate, train
 from irl_dal.learning.metrics import read_metrics
+from irl_dal.storage.lock import run_lock
 from irl_dal.storage.run_folder import open_run
 
 TINY = (
@@ -144,7 +147,7 @@ def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: P
     line = call("evaluate", f"run={trained}", *extent, "variant=paper")
     assert "variant = 'paper'" in line
     line = call("evaluate", f"run={trained}", *extent, "planner.denoiser.width=32")
-    assert "do not fit the configuration" in line
+    assert "not fit the configuration" in line
 
 
 def test_a_complete_run_resumes_to_its_evaluation(trained: Path, call: Call) -> None:
@@ -178,6 +181,25 @@ def test_a_truncated_checkpoint_is_named(trained: Path, call: Call, tmp_path: Pa
         assert str(tensors) in line and "truncated" in line
     assert not out.exists()
     assert sorted(path.name for path in copy.rglob("*")) == before
+
+
+def test_weights_that_are_not_finite_are_named(trained: Path, call: Call, tmp_path: Path) -> None:
+    """A training that diverged: one line from the evaluation and from a resumption."""
+    copy = tmp_path / "copy"
+    shutil.copytree(trained, copy)
+    tensors = next((copy / "checkpoints").rglob("tensors.safetensors"))
+    arrays = load_file(tensors)
+    arrays["state/policy/action_net.bias"][0] = float("nan")
+    save_file(arrays, tensors)
+    for line in (call("evaluate", f"run={copy}"), call("train", f"resume={copy}")):
+        assert str(copy) in line and "action_net.bias is not finite" in line
+
+
+def test_a_run_in_training_cannot_be_resumed(trained: Path, call: Call) -> None:
+    """A job that was submitted twice: the second one says so at once."""
+    with run_lock(trained):
+        line = call("train", f"resume={trained}")
+    assert "resume" in line and str(trained) in line and "another process" in line
 
 
 @pytest.mark.parametrize(

@@ -84,4 +84,4 @@ def test_weights_of_another_network_are_refused(run: Path, call: Call, tmp_path:
     """The complaint comes before anything is written."""
     out = tmp_path / "results"
     line = call(f"run={run}", f"out={out}", *SMALL, "planner.denoiser.width=16")
-    assert "do not fit the configuration" in line and not out.exists()
+    assert "not fit the configuration" in line and not out.exists()

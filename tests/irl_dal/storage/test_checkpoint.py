@@ -5,16 +5,19 @@ from __future__ import annotations
 import json
 import os
 import signal
+import stat
 import subprocess
 import sys
 import textwrap
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
+from safetensors.numpy import load_file, save_file
 from torch import nn
 
 from irl_dal.storage.checkpoint import (
@@ -118,18 +121,19 @@ def test_saving_twice_at_one_step_never_leaves_a_moment_without_a_checkpoint(
     assert store.load().state == {"a": 2}
 
 
-def test_shards_are_read_in_order_and_orphans_are_removed(tmp_path: Path) -> None:
-    """A resumed run has the shards that its checkpoint names; those of a lost interval go."""
+def test_shards_are_read_in_order_and_lost_ones_are_overwritten(tmp_path: Path) -> None:
+    """A resumed run has the shards that its checkpoint counts, not those of a lost interval."""
     stored(tmp_path)
-    orphan = tmp_path / "checkpoints" / "replay" / "000003.safetensors"
-    orphan.write_bytes(b"of an interval that was lost")
+    lost = tmp_path / "checkpoints" / "replay" / "000003.safetensors"
+    lost.write_bytes(b"of an interval that was lost")
     store = CheckpointStore(tmp_path)
     checkpoint = store.resume()
-    assert not orphan.exists()
     serials = np.concatenate([arrays["serial"] for arrays in store.shards(checkpoint)])
     assert np.array_equal(serials, np.arange(10))
     store.save({}, step=20, shard=shard(10, 2))
-    assert len(store.load().shards) == 3
+    loaded = store.load()
+    assert loaded.shards == 3
+    assert np.array_equal([*store.shards(loaded)][2]["serial"], [10, 11])
     assert checkpoint.provenance == {"commit": "abc"}
 
 
@@ -138,7 +142,7 @@ def test_a_complete_run_keeps_no_shards(tmp_path: Path) -> None:
     store = stored(tmp_path)
     store.save({"a": 1}, step=20, final=True)
     assert not (tmp_path / "checkpoints" / "replay").exists()
-    assert CheckpointStore(tmp_path).resume().shards == ()
+    assert CheckpointStore(tmp_path).resume().shards == 0
 
 
 def damage(path: Path, keep: float) -> None:
@@ -159,15 +163,100 @@ def test_a_truncated_file_is_named(tmp_path: Path, name: str, keep: float) -> No
     assert "\n" not in str(caught.value)
 
 
-def test_a_flipped_bit_is_found(tmp_path: Path) -> None:
-    """A file of the right length with the wrong content is refused."""
+def change(run_dir: Path, edit: Callable[[dict[str, Any]], object]) -> Path:
+    """Edit `state.json` of the newest checkpoint; gives its path."""
+    path = run_dir / "checkpoints" / "000002" / "state.json"
+    document = json.loads(path.read_text())
+    edit(document)
+    path.write_text(json.dumps(document))
+    return path
+
+
+@pytest.mark.parametrize(
+    "edit",
+    [
+        lambda d: d.update(state={"items": []}),
+        lambda d: d.update(state={"kind": "other", "items": []}),
+        lambda d: d.update(state={"kind": "dict", "items": [["a"]]}),
+        lambda d: d.update(state={"kind": "dict", "items": [[["unhashable"], 1]]}),
+        lambda d: d.update(state={"kind": "dict", "items": 5}),
+        lambda d: d.update(state={"kind": ["dict"], "items": []}),
+        lambda d: d.update(state={"kind": "tensor"}),
+        lambda d: d.update(state=[1, 2]),
+        lambda d: d["state"]["items"].append(["more", {"kind": "array", "key": "state/more"}]),
+        lambda d: d["state"]["items"].append(["more", {"kind": "array", "key": ["state"]}]),
+        lambda d: d.update(step="ten"),
+        lambda d: d.update(provenance=None),
+        lambda d: d.update(shards=["000001.safetensors"]),
+        lambda d: d.update(tensors=7),
+        lambda d: d.update(tensors={}),
+        lambda d: d.pop("tensors"),
+        lambda d: d.pop("step"),
+    ],
+)
+def test_a_damaged_document_is_one_line(
+    tmp_path: Path, edit: Callable[[dict[str, Any]], object]
+) -> None:
+    """Valid JSON of the right format that no checkpoint has: the error names the run."""
+    stored(tmp_path)
+    path = change(tmp_path, edit)
+    with pytest.raises(CheckpointError, match=f"{path}.*damaged") as caught:
+        CheckpointStore(tmp_path).load()
+    assert "\n" not in str(caught.value) and len(str(caught.value)) < 400
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000 + "]" * 100_000, "\x00", "", '{"format": 2', "nan"])
+def test_text_that_is_no_document_is_one_line(tmp_path: Path, text: str) -> None:
+    """Too deeply nested, binary, empty, cut: the error names the run."""
+    stored(tmp_path)
+    path = tmp_path / "checkpoints" / "000002" / "state.json"
+    path.write_text(text)
+    with pytest.raises(CheckpointError, match=str(path)):
+        CheckpointStore(tmp_path).load()
+
+
+def test_a_nested_state_is_one_line(tmp_path: Path) -> None:
+    """Deep enough for the recursion of `unpack`, not for that of the JSON reader."""
+    stored(tmp_path)
+    path = tmp_path / "checkpoints" / "000002" / "state.json"
+    text = json.dumps(json.loads(path.read_text()) | {"state": "HERE"})
+    path.write_text(text.replace('"HERE"', "[" * 900 + "]" * 900))
+    with pytest.raises(CheckpointError, match=str(path)):
+        CheckpointStore(tmp_path).load()
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), -float("inf")])
+def test_weights_that_are_not_finite_are_refused(tmp_path: Path, value: float) -> None:
+    """One such weight is enough; the error names the run and the tensor."""
     stored(tmp_path)
     path = tmp_path / "checkpoints" / "000002" / "tensors.safetensors"
-    content = bytearray(path.read_bytes())
-    content[-5] ^= 1
-    path.write_bytes(bytes(content))
-    with pytest.raises(CheckpointError, match=f"{path}.*damaged"):
+    tensors = load_file(path)
+    tensors["state/weights"][7] = value
+    save_file(tensors, path)
+    with pytest.raises(CheckpointError, match=f"{path.parent}: state/weights is not finite"):
         CheckpointStore(tmp_path).load()
+
+
+def test_a_diverged_state_does_not_replace_a_good_checkpoint(tmp_path: Path) -> None:
+    """The run stops with the step in the error, and what was saved before is still there."""
+    store = stored(tmp_path)
+    weights = torch.tensor([1.0, float("nan")])
+    with pytest.raises(CheckpointError, match=f"{tmp_path}: step 20: state/w is not finite"):
+        store.save({"w": weights}, step=20, shard=shard(10, 2))
+    assert CheckpointStore(tmp_path).resume().step == 10
+
+
+@pytest.mark.parametrize("umask", [0o022, 0o027, 0o077])
+def test_the_umask_decides_who_can_read(tmp_path: Path, umask: int) -> None:
+    """Files and folders alike: a group can evaluate a colleague's run if the umask says so."""
+    before = os.umask(umask)
+    try:
+        stored(tmp_path / "run")
+    finally:
+        os.umask(before)
+    for path in [tmp_path / "run", *(tmp_path / "run").rglob("*")]:
+        whole = 0o777 if path.is_dir() else 0o666
+        assert stat.S_IMODE(path.stat().st_mode) == whole & ~umask, path
 
 
 def test_missing_empty_and_foreign_runs_are_refused(tmp_path: Path) -> None:
@@ -178,8 +267,9 @@ def test_missing_empty_and_foreign_runs_are_refused(tmp_path: Path) -> None:
         CheckpointStore(tmp_path).load()
     stored(tmp_path)
     (tmp_path / "checkpoints" / "replay" / "000001.safetensors").unlink()
+    store = CheckpointStore(tmp_path)
     with pytest.raises(CheckpointError, match=r"000001\.safetensors: the file is missing"):
-        CheckpointStore(tmp_path).resume()
+        list(store.shards(store.resume()))
     path = tmp_path / "checkpoints" / "000002" / "state.json"
     document = json.loads(path.read_text())
     path.write_text(json.dumps(document | {"format": FORMAT_VERSION + 1}))
