@@ -5,18 +5,15 @@ import reprlib
 from typing import Any, TypeGuard
 
 import numpy as np
-from numpy.typing import ArrayLike, DTypeLike, NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from shield.errors import InvalidProblem
 
 __all__ = [
-    "as_action",
     "as_array",
     "as_float",
-    "as_floating",
     "as_horizon",
     "check_positive",
-    "check_projector_arguments",
     "check_within",
     "is_number",
 ]
@@ -38,34 +35,6 @@ def as_array(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None)
     if shape is not None and array.shape != shape:
         raise InvalidProblem(f"`{name}` must have shape {shape}. Got {array.shape}.")
     return array
-
-
-def as_action(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return a copy of `values` in their own precision, of `shape`.
-
-    Raises:
-        InvalidProblem: They are not real numbers, or not of `shape`.
-    """
-    numbers = as_array(name, values, shape)
-    own = getattr(values, "dtype", None)
-    # What is not an array of numbers already, such as a list of huge integers, is float64.
-    kept = isinstance(own, np.dtype) and own.kind in "fiub"
-    return np.array(values) if kept else numbers.copy()
-
-
-def as_floating(name: str, dtype: DTypeLike) -> np.dtype[Any]:
-    """Return a floating point type.
-
-    Raises:
-        InvalidProblem: It is another type, or none.
-    """
-    try:
-        kind = np.dtype(dtype)
-    except TypeError as error:
-        raise InvalidProblem(f"`{name}` must be a floating point type. Got {dtype!r}.") from error
-    if kind.kind != "f":
-        raise InvalidProblem(f"`{name}` must be a floating point type. Got {kind}.")
-    return kind
 
 
 def as_horizon(name: str, values: ArrayLike) -> Array:
@@ -127,28 +96,6 @@ def check_within(error: type[Exception], low: float, high: float, **values: Any)
         if high == math.inf:
             rule = "be finite" if low == -math.inf else f"be finite and at least {low:g}"
         raise error(f"`{name}` must {rule}. Got {reprlib.repr(value)}.")
-
-
-def check_projector_arguments(
-    horizon: Any, weights: Any, tolerance: Any, deadline: Any
-) -> tuple[int, tuple[float, float]]:
-    """Refuse arguments of a projector that make no sense.
-
-    Returns:
-        The horizon and the weights as plain numbers.
-
-    Raises:
-        InvalidProblem: Naming the argument and its value.
-    """
-    if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 1:
-        raise InvalidProblem(f"`horizon` must be a positive integer. Got {reprlib.repr(horizon)}.")
-    pair = as_array("weights", weights)
-    if pair.shape != (2,) or not ((pair >= 1e-9) & (pair <= 1e9)).all():
-        raise InvalidProblem(
-            f"`weights` must be two numbers in [1e-9, 1e9]. Got {reprlib.repr(weights)}."
-        )
-    check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
-    return int(horizon), (float(pair[0]), float(pair[1]))
 
 
 def _convert(name: str, values: ArrayLike) -> Array:

@@ -70,6 +70,6 @@ def _admissible_commands(limits: ActuatorLimits, count: int, rng: np.random.Gene
     commands: list[Array] = []
     while len(commands) < count:
         command = rng.uniform(limits.low, limits.high)
-        if limits.admits(command):
+        if limits.is_admissible(command):
             commands.append(command)
     return np.array(commands)

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import as_action, as_array, as_floating, check_positive
+from shield.arguments import as_array, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits.rounding import differences_exceed, sums_below
 from shield.projection.certificate import Certificate, Status
 
-__all__ = ["BoxFilter"]
+__all__ = ["BoxFilter", "as_action", "as_floating"]
 
 Array = NDArray[np.float64]
 
@@ -160,3 +160,31 @@ class BoxFilter:
     def _execute(self, value: Array) -> None:
         value.flags.writeable = False
         self._previous = value
+
+
+def as_action(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
+    """Return a copy of `values` in their own precision, of `shape`.
+
+    Raises:
+        InvalidProblem: They are not real numbers, or not of `shape`.
+    """
+    numbers = as_array(name, values, shape)
+    own = getattr(values, "dtype", None)
+    # What is not an array of numbers already, such as a list of huge integers, is float64.
+    kept = isinstance(own, np.dtype) and own.kind in "fiub"
+    return np.array(values) if kept else numbers.copy()
+
+
+def as_floating(name: str, dtype: DTypeLike) -> np.dtype[Any]:
+    """Return a floating point type.
+
+    Raises:
+        InvalidProblem: It is another type, or none.
+    """
+    try:
+        kind = np.dtype(dtype)
+    except TypeError as error:
+        raise InvalidProblem(f"`{name}` must be a floating point type. Got {dtype!r}.") from error
+    if kind.kind != "f":
+        raise InvalidProblem(f"`{name}` must be a floating point type. Got {kind}.")
+    return kind

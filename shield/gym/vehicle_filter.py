@@ -15,8 +15,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import as_action, as_array, as_floating
+from shield.arguments import as_array
 from shield.errors import InvalidLimits, InvalidProblem
+from shield.gym.box_filter import as_action, as_floating
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.rounding import differences_exceed, lateral_exceeds
 from shield.projection.certificate import Certificate, Status

@@ -211,7 +211,7 @@ class ActuatorLimits:
         bound = self.max_lateral_acceleration
         return bound is not None and lateral_exceeds(steering, speed, bound, self.wheelbase)
 
-    def admits(self, command: ArrayLike) -> bool:
+    def is_admissible(self, command: ArrayLike) -> bool:
         """Tell whether a command (2,) satisfies G1 and G3, whatever came before it."""
         return not self.violated(command, command)
 

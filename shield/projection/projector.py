@@ -1,13 +1,15 @@
 """The nearest admissible horizon: solve, settle, repair, check."""
 
 import math
+import reprlib
 import time
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
 
-from shield.arguments import as_array, check_projector_arguments
+from shield.arguments import as_array, check_positive
 from shield.errors import InvalidProblem
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraints import BoxLimit, RateLimit, stack_rows
@@ -74,9 +76,7 @@ class HorizonProjector:
         if not isinstance(limits, ActuatorLimits):
             raise InvalidProblem(f"`limits` must be ActuatorLimits. Got {limits!r}.")
         self.limits = limits
-        self.horizon, self.weights = check_projector_arguments(
-            horizon, weights, tolerance, deadline
-        )
+        self.horizon, self.weights = _checked_arguments(horizon, weights, tolerance, deadline)
         self.deadline = float(deadline)
         self.tolerance = float(tolerance)
         bounds = self._bounds = Bounds.of(limits)
@@ -348,3 +348,25 @@ class HorizonProjector:
         self._upper[row] = max(steering + step, -side) / turn
         self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed) / change
         self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed) / change
+
+
+def _checked_arguments(
+    horizon: Any, weights: Any, tolerance: Any, deadline: Any
+) -> tuple[int, tuple[float, float]]:
+    """Refuse arguments of a projector that make no sense.
+
+    Returns:
+        The horizon and the weights as plain numbers.
+
+    Raises:
+        InvalidProblem: Naming the argument and its value.
+    """
+    if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 1:
+        raise InvalidProblem(f"`horizon` must be a positive integer. Got {reprlib.repr(horizon)}.")
+    pair = as_array("weights", weights)
+    if pair.shape != (2,) or not ((pair >= 1e-9) & (pair <= 1e9)).all():
+        raise InvalidProblem(
+            f"`weights` must be two numbers in [1e-9, 1e9]. Got {reprlib.repr(weights)}."
+        )
+    check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
+    return int(horizon), (float(pair[0]), float(pair[1]))

@@ -84,13 +84,13 @@ def admissible_commands(draw: st.DrawFn, limits: ActuatorLimits) -> Array:
     """Draw a command that keeps G1 and G3, often on the lateral boundary to the last bit."""
     command = draw(commands(limits))
     bound = limits.max_lateral_acceleration
-    if bound is None or limits.admits(command):
+    if bound is None or limits.is_admissible(command):
         return command
     speed = abs(command[1])
     angle = float(np.arctan(bound * limits.wheelbase / speed**2)) * draw(
         st.sampled_from([1.0, 1.0, 0.9]) | st.floats(0.0, 1.0)
     )
-    while not limits.admits([angle, command[1]]):
+    while not limits.is_admissible([angle, command[1]]):
         angle = np.nextafter(angle, 0.0)
     return np.array([np.copysign(angle, command[0]), command[1]])
 

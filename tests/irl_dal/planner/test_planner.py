@@ -173,7 +173,7 @@ def test_no_value_makes_planning_raise(
     plan = HASTY.plan(scene)
     assert plan.actions.shape == (HORIZON, 2)
     assert bool(np.all((plan.actions >= LIMITS.low) & (plan.actions <= LIMITS.high)))
-    if LIMITS.admits(previous):
+    if LIMITS.is_admissible(previous):
         assert not breaks_a_bound(plan.actions, scene.previous)
 
 

@@ -196,7 +196,7 @@ def test_an_inadmissible_rest_is_left_at_full_rate_and_reported() -> None:
     statuses = [shield.filter(np.array([1.0, 1.0], np.float32)).status for _ in range(12)]
     assert statuses[0] is Status.FALLBACK
     assert statuses[-1] is Status.PROJECTED
-    assert CITY.admits(shield.previous)
+    assert CITY.is_admissible(shield.previous)
 
 
 def test_highway_env_is_kept_within_its_rates() -> None:

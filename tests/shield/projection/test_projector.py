@@ -66,7 +66,7 @@ def test_any_values_give_a_command_in_the_box_with_an_honest_status(problem: Pro
         if broken:
             assert got.status is Status.FALLBACK
             assert got.reason
-        if limits.admits(previous):
+        if limits.is_admissible(previous):
             assert not broken
 
 
