@@ -19,8 +19,8 @@ from irl_dal.comparison.store import ComparisonStore
 from irl_dal.comparison.suite import compare
 from irl_dal.comparison.table import comparison_tables
 from irl_dal.config import ConfigError, parse
-from irl_dal.evaluation.summary import write_json
 from irl_dal.figures.comparison_page import write_page
+from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]

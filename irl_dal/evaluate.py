@@ -17,7 +17,8 @@ from irl_dal.cli.overrides import changed, stated, unchanged
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.evaluation.suite import evaluate
-from irl_dal.evaluation.summary import evaluation_table, write_json
+from irl_dal.evaluation.summary import evaluation_table
+from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]

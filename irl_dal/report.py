@@ -14,10 +14,10 @@ from rich.console import Console
 
 from irl_dal.cli.command import run_command
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.summary import write_json
 from irl_dal.figures import FigureWithCaption, write_pictures
 from irl_dal.figures.sweep import draw_dynamics, draw_overlay, draw_scores
 from irl_dal.figures.sweep_page import write_page
+from irl_dal.storage.atomic import write_json
 from irl_dal.sweep.collection import Collection, collect
 from irl_dal.sweep.findings import findings
 from irl_dal.sweep.result import write_result

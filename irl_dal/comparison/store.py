@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.summary import write_json
+from irl_dal.storage.atomic import write_json
 
 __all__ = ["ComparisonStore"]
 

@@ -4,38 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict
-from pathlib import Path
 from typing import Any
 
 from joblib import Parallel, delayed
 from rich.console import Console
 from rich.progress import Progress
 
-import irl_dal
 from irl_dal.comparison.drive import Subject, Work, arm_bench, drive_arm, plan_in_states
 from irl_dal.comparison.numbers import summarise
 from irl_dal.comparison.settings import Arm, arms_of, state_arms
 from irl_dal.config import to_mapping
 from irl_dal.evaluation.workers import CHUNK, progress_bar
 from irl_dal.storage.checkpoint import CheckpointStore
-from irl_dal.storage.fingerprint import fingerprint
+from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
 from irl_dal.storage.run_folder import provenance
 
 __all__ = ["compare", "settings_of"]
-
-_CODE = (
-    "comparison/arms.py",
-    "comparison/work.py",
-    "envs",
-    "evaluation/metrics.py",
-    "evaluation/rollout.py",
-    "loop.py",
-    "perception",
-    "planner",
-    "../expert",
-    "../shield",
-)
-"""Sources that an episode's numbers depend on, beside this package's folder."""
 
 
 def compare(subject: Subject, console: Console | None = None) -> dict[str, Any]:
@@ -93,7 +77,7 @@ def settings_of(subject: Subject) -> dict[str, Any]:
         "candidates": comparison.candidates,
         "path_states": comparison.path_states,
         "path_duration": comparison.path_duration,
-        "code": fingerprint(*(Path(irl_dal.__path__[0], name) for name in _CODE)),
+        "code": code_fingerprint(),
         **{f"config.{key}": config[key] for key in kept},
     }
 

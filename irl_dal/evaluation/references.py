@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from irl_dal.evaluation.summary import write_json
+from irl_dal.storage.atomic import write_json
 
 __all__ = ["ReferenceCache"]
 

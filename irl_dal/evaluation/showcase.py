@@ -12,9 +12,10 @@ from irl_dal.evaluation.measurements import Measurements
 from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.suite import evaluate
-from irl_dal.evaluation.summary import evaluation_table, write_json
+from irl_dal.evaluation.summary import evaluation_table
 from irl_dal.figures.evaluation import draw_training
 from irl_dal.figures.video import DriveFilm
+from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 
 __all__ = ["film_drive", "show_run", "telling_seed"]

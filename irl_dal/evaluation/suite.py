@@ -12,9 +12,6 @@ from typing import Any
 import numpy as np
 from rich.console import Console
 
-import expert
-import irl_dal.envs
-import shield
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig, to_mapping
 from irl_dal.evaluation.measurements import (
@@ -29,7 +26,7 @@ from irl_dal.evaluation.rig import AgentSpec, Bench
 from irl_dal.evaluation.rollout import spread_steps
 from irl_dal.evaluation.workers import Workers
 from irl_dal.storage.checkpoint import CheckpointStore
-from irl_dal.storage.fingerprint import fingerprint
+from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
 from irl_dal.storage.run_folder import RunFolder, provenance
 
 __all__ = ["Evaluation", "evaluate"]
@@ -146,8 +143,7 @@ def _city_hash(config: RunConfig) -> str:
     """Hash of what the references' returns depend on: city, expert, bounds, and their code."""
     parts = [asdict(config.env), asdict(config.expert), asdict(config.limits)]
     text = json.dumps(parts, sort_keys=True)
-    packages = (irl_dal.envs, expert, shield)
-    return fingerprint(text, *(Path(package.__path__[0]) for package in packages))
+    return fingerprint(text, code_fingerprint())
 
 
 def _unfinished(config: RunConfig, spec: AgentSpec) -> Path | None:
@@ -157,7 +153,5 @@ def _unfinished(config: RunConfig, spec: AgentSpec) -> Path | None:
     settings = to_mapping(config)
     del settings["evaluation"]  # how much is driven, by how many: what was driven is the same
     weights = sorted(CheckpointStore(spec.run_dir).load().folder.iterdir())
-    packages = (irl_dal, expert, shield)
-    code = (Path(package.__path__[0]) for package in packages)
-    name = fingerprint(json.dumps(settings, sort_keys=True), *weights, *code)
+    name = fingerprint(json.dumps(settings, sort_keys=True), *weights, code_fingerprint())
     return RunFolder(spec.run_dir, config).unfinished / name

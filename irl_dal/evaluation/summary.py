@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
-from pathlib import Path
 
 from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from irl_dal.evaluation.metrics import Value
-from irl_dal.storage.atomic import write_text
 
-__all__ = ["evaluation_table", "write_json"]
+__all__ = ["evaluation_table"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,19 +82,6 @@ def evaluation_table(report: Mapping[str, Value], title: str) -> Table:
     )
     table.caption_justify = "left"
     return table
-
-
-def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write a JSON file in one step, so that no reader ever sees half of it.
-
-    Args:
-        path: Where; folders above it are made.
-        content: What; must not hold NaN or infinity.
-
-    Raises:
-        ValueError: If a number is not finite.
-    """
-    write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 
 def _number(value: Value, row: _Row) -> str:

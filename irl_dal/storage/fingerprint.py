@@ -1,33 +1,63 @@
-"""A short hash of everything that kept results depend on."""
+"""A short hash of everything that a kept result depends on."""
 
 from __future__ import annotations
 
+import ast
 import hashlib
+from collections.abc import Iterable
 from pathlib import Path
 
-__all__ = ["fingerprint"]
+import expert
+import irl_dal
+import shield
 
-SOURCES = (".py", ".urdf")
-"""Endings of the files in a folder that count."""
+__all__ = ["code_fingerprint", "fingerprint"]
+
+SHOWING = frozenset(
+    {"bench", "cli", "figures", "sweep"} | {"compare.py", "evaluate.py", "report.py", "train.py"}
+)
+"""Parts of `irl_dal` that no drive depends on. New parts count until they are named here."""
 
 
 def fingerprint(*parts: str | Path) -> str:
     """Twelve hexadecimal digits that change with any of the parts.
 
     Args:
-        parts: Texts, files, and folders with all the sources below them.
+        parts: Texts, and files, whose bytes count.
     """
+    return _digest(part.encode() if isinstance(part, str) else part.read_bytes() for part in parts)
+
+
+def code_fingerprint() -> str:
+    """Twelve hexadecimal digits of the code that drives, plans and measures.
+
+    Python counts as the interpreter reads it: comments, docstrings and layout change nothing, any
+    other edit does. Takes about 0.7 s.
+    """
+    inside = (path for path in Path(irl_dal.__path__[0]).iterdir() if path.name not in SHOWING)
+    roots = [*inside, Path(expert.__path__[0]), Path(shield.__path__[0])]
+    files = [root if root.is_file() else root.rglob("*") for root in roots]
+    flat = [path for entry in files for path in ([entry] if isinstance(entry, Path) else entry)]
+    sources = sorted(path for path in flat if path.suffix == ".py")
+    models = sorted(path for path in flat if path.suffix == ".urdf")
+    return _digest([*map(_meaning, sources), *(path.read_bytes() for path in models)])
+
+
+def _meaning(source: Path) -> bytes:
+    """A module's syntax tree without its docstrings."""
+    tree = ast.parse(source.read_bytes())
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
+            node.body = [entry for entry in node.body if not _is_text(entry)]
+    return ast.dump(tree).encode()
+
+
+def _is_text(node: ast.stmt) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _digest(contents: Iterable[bytes]) -> str:
     digest = hashlib.sha256()
-    for part in parts:
-        if isinstance(part, str):
-            digest.update(part.encode())
-            continue
-        for path in _files(part):
-            digest.update(path.read_bytes())
+    for content in contents:
+        digest.update(len(content).to_bytes(8, "little") + content)
     return digest.hexdigest()[:12]
-
-
-def _files(path: Path) -> list[Path]:
-    if path.is_file():
-        return [path]
-    return sorted(entry for entry in path.rglob("*") if entry.suffix in SOURCES)

@@ -10,8 +10,8 @@ import pytest
 
 from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.suite import compare
-from irl_dal.evaluation.summary import write_json
 from irl_dal.figures.comparison_page import write_page
+from irl_dal.storage.atomic import write_json
 from tests.irl_dal.comparison.tiny import tiny_subject, untrained_run
 
 Console = Callable[..., str]

@@ -1,14 +1,11 @@
 import io
-import json
-from pathlib import Path
 
 import numpy as np
-import pytest
 from rich.console import Console
 
 from irl_dal.evaluation.measurements import Measurements
 from irl_dal.evaluation.metrics import compute_metrics
-from irl_dal.evaluation.summary import evaluation_table, write_json
+from irl_dal.evaluation.summary import evaluation_table
 from shield import ActuatorLimits
 from tests.irl_dal.evaluation.small import written_episode
 
@@ -35,13 +32,3 @@ def test_shares_are_printed_in_percent() -> None:
 def test_the_table_fits_a_terminal() -> None:
     """Nothing is cut off at 80 columns."""
     assert not any("…" in line.replace(" … ", "") for line in printed(80))
-
-
-def test_json_is_written_at_once_or_not_at_all(tmp_path: Path) -> None:
-    """A number that is no JSON leaves the old file as it was, and nothing beside it."""
-    path = tmp_path / "deep" / "report.json"
-    write_json(path, {"success": 1.0})
-    with pytest.raises(ValueError, match="JSON"):
-        write_json(path, {"success": float("nan")})
-    assert json.loads(path.read_text()) == {"success": 1.0}
-    assert list(path.parent.iterdir()) == [path]

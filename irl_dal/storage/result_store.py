@@ -1,0 +1,118 @@
+"""Results of single episodes, one JSON file each: what was driven once is not driven again.
+
+    <folder>/<what>/<item>.json      `what` was measured, and of which item, usually a seed
+    <folder>/.lock                   held by every evaluation that uses the folder
+
+JSON holds numbers and text and nothing that runs: a folder may come from a stranger. Files appear
+in one step, so processes may read and write the same folder at once.
+
+A result may be read again only where driving would give the same one, so the folder's name is
+`result_key`: the hash of the configuration, of the weights, of the code that drives, and of the
+format of the files. The code counts as the interpreter reads it (`code_fingerprint`): a docstring
+may change, a number may not. A constant raised by hand whenever behaviour changes would save more
+drives, and would be forgotten: then numbers of two behaviours stand in one row without a word.
+"""
+
+from __future__ import annotations
+
+import fcntl
+import json
+import os
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from irl_dal.storage.atomic import write_text
+from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
+
+__all__ = ["RESULT_FORMAT", "ResultStore", "result_key"]
+
+RESULT_FORMAT = 1
+"""Raised whenever this version could misread the files of an older one."""
+
+
+def result_key(settings: Mapping[str, Any], weights: Path | None = None) -> str:
+    """Twelve hexadecimal digits that name all that a result depends on, beside its seed.
+
+    Args:
+        settings: What was asked for, ready for JSON: the configuration without what changes no
+            number (how many episodes, how many processes).
+        weights: Folder of the checkpoint that drives; None without one.
+    """
+    text = json.dumps({"format": RESULT_FORMAT, "settings": settings}, sort_keys=True)
+    files = () if weights is None else sorted(weights.iterdir())
+    return fingerprint(text, code_fingerprint(), *files)
+
+
+@dataclass(frozen=True, slots=True)
+class ResultStore:
+    """Results under one key.
+
+    Attributes:
+        folder: Its last part is a `result_key`, or the folder says otherwise what its results
+            depend on. Made on the first write.
+    """
+
+    folder: Path
+
+    def get(self, what: str, item: int | str) -> dict[str, Any] | None:
+        """A kept result; None where there is none, or none that can be read."""
+        try:
+            content = json.loads(self._path(what, item).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return None
+        return dict(content) if isinstance(content, dict) else None
+
+    def put(self, what: str, item: int | str, result: Mapping[str, Any]) -> None:
+        """Keep a result; numbers that are not finite are kept too.
+
+        Raises:
+            OSError: It cannot be written.
+        """
+        write_text(self._path(what, item), json.dumps(result))
+
+    @contextmanager
+    def until_complete(self) -> Iterator[None]:
+        """Use the folder, and remove it in the end.
+
+        It stays where the work was interrupted, or where another process still uses it; that one
+        removes it then. Where no lock can be made nothing is removed.
+        """
+        lock = self._lock()
+        try:
+            yield
+            if lock is not None and _only_user(lock):
+                shutil.rmtree(self.folder, ignore_errors=True)
+                with suppress(OSError):
+                    self.folder.parent.rmdir()  # unless results under other keys are in it
+        finally:
+            if lock is not None:
+                lock.close()
+
+    def _path(self, what: str, item: int | str) -> Path:
+        return self.folder / what / f"{item}.json"
+
+    def _lock(self) -> IO[bytes] | None:
+        """A shared lock on the folder; None where none can be made."""
+        path = self.folder / ".lock"
+        with suppress(OSError):
+            for _ in range(3):
+                self.folder.mkdir(parents=True, exist_ok=True)
+                lock = path.open("ab")
+                fcntl.flock(lock, fcntl.LOCK_SH)
+                if os.fstat(lock.fileno()).st_nlink:
+                    return lock
+                lock.close()  # another process removed the folder while this one waited
+        return None
+
+
+def _only_user(lock: IO[bytes]) -> bool:
+    """Whether no other process holds the lock; it is exclusive then."""
+    try:
+        fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except OSError:
+        return False
+    return True
