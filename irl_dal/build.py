@@ -45,7 +45,7 @@ learning splits the seed into."""
 
 def build_planner(config: RunConfig) -> DiffusionPlanner | None:
     """The planner with its own random stream of the run's seed; None where it is switched off."""
-    if not config.supervision.enabled:
+    if not config.planner.enabled:
         return None
     stream = np.random.SeedSequence(config.seed, spawn_key=_PLANNER).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(stream[0] >> 1))
@@ -65,10 +65,10 @@ def supervision(
     return Supervision(
         planner=planner,
         blend=None if planner is None else planner.blend,
-        activation=config.supervision.activation,
-        without_lane=config.supervision.without_lane,
+        activation=config.planner.activation,
+        without_lane=config.planner.without_lane,
         safety_filter=_safety_filter(config) if config.shield.enabled else None,
-        expert_reference=training and config.supervision.expert_reference,
+        expert_reference=training and config.planner.expert_reference,
     )
 
 

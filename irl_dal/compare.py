@@ -72,7 +72,7 @@ def _subject(composed: DictConfig) -> Subject:
     comparison = parse_comparison({str(key): values[key] for key in own})
     parse(composed)
     folder = open_run("run", Path(str(composed.run)))
-    if not folder.config.supervision.enabled:
+    if not folder.config.planner.enabled:
         raise ConfigError(f"run = {str(composed.run)!r}: was trained without a planner")
     settled = []
     for key, value in stated(composed, OWN_KEYS):

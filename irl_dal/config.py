@@ -13,6 +13,7 @@ import json
 import re
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
+from difflib import get_close_matches
 from typing import Annotated, Any
 
 from hydra.core.config_store import ConfigStore
@@ -24,7 +25,6 @@ from expert import ExpertConfig
 from irl_dal.envs import CityConfig
 from irl_dal.evaluation.config import EvaluationConfig
 from irl_dal.learning import LearningConfig
-from irl_dal.loop import Activation
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
 from shield import ActuatorLimits, BarrierConfig, TriggerConfig
@@ -33,11 +33,11 @@ __all__ = [
     "ConfigError",
     "RunConfig",
     "ShieldConfig",
-    "SupervisionConfig",
     "config_hash",
     "known_keys",
     "parse",
     "register",
+    "similar_key",
     "to_mapping",
 ]
 
@@ -63,22 +63,8 @@ class ShieldConfig:
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
 
 
-@dataclass(frozen=True, slots=True)
-class SupervisionConfig:
-    """How the planner takes part in a run; its numbers are `PlannerConfig`.
-
-    Attributes:
-        enabled: Whether there is a planner at all.
-        activation: When it is asked: on the trigger, always or never.
-        without_lane: Whether the trigger asks it also where no lane is seen and nothing is near.
-        expert_reference: Whether the expert's command is its reference (E_expert) in training; in
-            an evaluation there is no expert to ask.
-    """
-
-    enabled: bool = True
-    activation: Activation = "trigger"
-    without_lane: bool = False
-    expert_reference: bool = True
+_PLAIN = ("seed", "variant", "preset")
+"""Fields of `RunConfig` that are values, not sections."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,8 +79,7 @@ class RunConfig:
         expert: The expert.
         limits: Bounds of the actuators.
         shield: The shield.
-        planner: The diffusion planner.
-        supervision: When it is asked.
+        planner: The diffusion planner, and when it is asked.
         perception: The perception module.
         learning: The two phases.
         evaluation: What is measured after the training.
@@ -108,7 +93,6 @@ class RunConfig:
     limits: ActuatorLimits = field(default_factory=ActuatorLimits)
     shield: ShieldConfig = field(default_factory=ShieldConfig)
     planner: PlannerConfig = field(default_factory=PlannerConfig)
-    supervision: SupervisionConfig = field(default_factory=SupervisionConfig)
     perception: PerceptionConfig = field(default_factory=PerceptionConfig)
     learning: LearningConfig = field(default_factory=LearningConfig)
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
@@ -123,24 +107,15 @@ class RunConfig:
             )
 
 
-GROUPS = ("env", "expert", "shield", "planner", "perception", "learning", "evaluation")
-"""Hydra's groups with a section of their own; `variant` and `preset` only change these."""
-
-_SHARED = {
-    "shield": ("limits", frozenset(entry.name for entry in fields(ActuatorLimits))),
-    "planner": ("supervision", frozenset(entry.name for entry in fields(SupervisionConfig))),
-}
-"""Groups whose keys belong to two parts: the second part and its keys."""
+GROUPS = tuple(entry.name for entry in fields(RunConfig) if entry.name not in _PLAIN)
+"""Hydra's groups: the sections of `RunConfig`; `variant` and `preset` only change these."""
 
 _RUN_CONFIG = TypeAdapter(RunConfig)
 
 
 def to_mapping(config: RunConfig) -> dict[str, Any]:
     """The configuration as nested dictionaries and lists, one entry per group."""
-    mapping = json.loads(json.dumps(asdict(config)))
-    for group, (part, _) in _SHARED.items():
-        mapping[group] = mapping.pop(part) | mapping[group]
-    return dict(mapping)
+    return dict(json.loads(json.dumps(asdict(config))))
 
 
 def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
@@ -158,10 +133,6 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
     mapping = {key: value for key, value in mapping.items() if key in defaults}
     for key, value in _leaves(mapping):
         _require_known(key, value, defaults)
-    for group, (part, keys) in _SHARED.items():
-        entries = mapping.get(group, {})
-        mapping[part] = {key: entries[key] for key in entries if key in keys}
-        mapping[group] = {key: entries[key] for key in entries if key not in keys}
     try:
         return _RUN_CONFIG.validate_python(mapping)
     except ValidationError as error:
@@ -192,6 +163,14 @@ def known_keys() -> list[str]:
     return [key for key, _ in _leaves(to_mapping(RunConfig()))]
 
 
+def similar_key(key: str) -> str | None:
+    """A known key that was probably meant: one of the same name elsewhere, or of similar letters."""
+    known = known_keys()
+    elsewhere = [other for other in known if other.split(".")[-1] == key.split(".")[-1]]
+    close = get_close_matches(key, elsewhere, n=1, cutoff=0.0) or get_close_matches(key, known, n=1)
+    return close[0] if close else None
+
+
 def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
     if not isinstance(composed, DictConfig):
         return dict(composed)
@@ -215,7 +194,9 @@ def _require_known(key: str, value: Any, defaults: Mapping[str, Any]) -> None:
     node: Any = defaults
     for part in key.split("."):
         if not isinstance(node, Mapping) or part not in node:
-            raise ConfigError(f"{key} = {value!r}: there is no such key")
+            close = similar_key(key)
+            hint = f"; did you mean {close}?" if close else ""
+            raise ConfigError(f"{key} = {value!r}: there is no such key{hint}")
         node = node[part]
 
 
@@ -223,8 +204,6 @@ def _first_line(error: ValidationError) -> str:
     """The first complaint as one line that names the key and the value."""
     details = error.errors(include_url=False)[0]
     path = [str(part) for part in details["loc"]]
-    groups = {part: group for group, (part, _) in _SHARED.items()}
-    path[:1] = [groups.get(part, part) for part in path[:1]]
     message = details["msg"].removeprefix("Value error, ")
     if details["type"] != "value_error":
         return f"{'.'.join(path)} = {details['input']!r}: {_lower_first(message)}"

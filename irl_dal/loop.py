@@ -15,7 +15,7 @@ The shield is always there and always last, whatever the source of the command.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import gymnasium
 import numpy as np
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.envs import Caption, CityEnv
-from irl_dal.planner import ActionBlend, DiffusionPlanner, Plan, PlanningContext
+from irl_dal.planner import ActionBlend, Activation, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
     BarrierConfig,
@@ -40,7 +40,6 @@ from shield import (
 Array = NDArray[np.float64]
 Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
-Activation = Literal["trigger", "always", "never"]
 
 CREEP = 2.0
 """Speed that a stalled car asks of its shield [m/s]: walking pace, fast enough to be under way."""

@@ -7,7 +7,6 @@ import os
 import re
 import sys
 from collections.abc import Callable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 
 import hydra
@@ -15,7 +14,7 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
-from irl_dal.config import ConfigError, known_keys, register
+from irl_dal.config import ConfigError, register, similar_key
 from irl_dal.storage.checkpoint import CheckpointError
 
 __all__ = ["CONFIG_FOLDER", "describe", "run_command"]
@@ -88,8 +87,8 @@ def _guarded(task: Task) -> Task:
 def _unknown_key(key: str, arguments: Sequence[str]) -> str:
     values = [a.partition("=")[2] for a in arguments if a.lstrip("+~").partition("=")[0] == key]
     line = f"{key} = {values[-1] if values else '?'}: there is no such key"
-    close = get_close_matches(key, known_keys(), n=1)
-    return f"{line}; did you mean {close[0]}?" if close else line
+    close = similar_key(key)
+    return f"{line}; did you mean {close}?" if close else line
 
 
 def _fail(line: str) -> None:

@@ -60,20 +60,14 @@ class Arm:
         alone = self.activation == "alone"
         planner = replace(
             config.planner,
+            activation="trigger" if self.activation == "trigger" else "always",
             projection=self.projection,
             blend=replace(blend, base=1.0) if alone else blend,
             candidates=config.planner.candidates if candidates is None else candidates,
             guidance=guidance if self.guided else replace(guidance, scale=0.0),
         )
-        return replace(
-            config,
-            planner=planner,
-            supervision=replace(
-                config.supervision,
-                activation="trigger" if self.activation == "trigger" else "always",
-            ),
-            shield=replace(config.shield, enabled=self.shielded),
-        )
+        shield = replace(config.shield, enabled=self.shielded)
+        return replace(config, planner=planner, shield=shield)
 
 
 def arms_of(comparison: ComparisonConfig, default: ProjectionMode) -> list[Arm]:

@@ -1,7 +1,7 @@
 """The planner: guided and projected diffusion over action chunks."""
 
 from irl_dal.planner.blend import ActionBlend, BlendConfig
-from irl_dal.planner.config import PlannerConfig, SamplerKind
+from irl_dal.planner.config import Activation, PlannerConfig, SamplerKind
 from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
 from irl_dal.planner.denoiser import ConditionalUnet1d, DenoiserConfig
 from irl_dal.planner.energy import EnergyConfig, EnergyForms, TotalEnergy
@@ -23,6 +23,7 @@ __all__ = [
     "CONTEXT_SIZE",
     "PROJECTION_MODES",
     "ActionBlend",
+    "Activation",
     "BlendConfig",
     "ConditionalUnet1d",
     "DenoiserConfig",

@@ -15,13 +15,19 @@ from irl_dal.planner.projection import PROJECTION_MODES, ProjectionMode
 from irl_dal.planner.sampler import Prediction, Sampler, ddim_transitions, ddpm_transitions
 
 SamplerKind = Literal["ddim", "ddpm"]
+Activation = Literal["trigger", "always", "never"]
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerConfig:
-    """Settings of the diffusion planner.
+    """Settings of the diffusion planner, and when a run asks it.
 
     Attributes:
+        enabled: Whether a run has a planner.
+        activation: When it is asked: on the trigger, always or never.
+        without_lane: Whether the trigger asks it also where no lane is seen and nothing is near.
+        expert_reference: Whether the expert's command is its reference (E_expert) in training; in
+            an evaluation there is no expert to ask.
         horizon: H (Table II), even because the U-Net halves it.
         diffusion_steps: T (Table II).
         schedule: Noise schedule; `printed` is the paper's and leaves signal at T.
@@ -45,6 +51,10 @@ class PlannerConfig:
         ValueError: A value that cannot be meant.
     """
 
+    enabled: bool = True
+    activation: Activation = "trigger"
+    without_lane: bool = False
+    expert_reference: bool = True
     horizon: int = 8
     diffusion_steps: int = 100
     schedule: ScheduleKind = "cosine"

@@ -20,7 +20,7 @@ from irl_dal.shortcuts import in_use
 
 __all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
 
-RUN_FORMAT = 1
+RUN_FORMAT = 2
 """Raised whenever this version could misread the run folder of an older one."""
 
 

@@ -206,12 +206,12 @@ def test_a_run_in_training_cannot_be_resumed(trained: Path, call: Call) -> None:
     ("command", "argument", "named"),
     [
         ("train", "foo=1", ["foo = 1"]),
-        ("train", "shield.min_sped=1", ["shield.min_sped = 1", "did you mean shield.min_speed"]),
+        ("train", "limits.min_sped=1", ["limits.min_sped = 1", "did you mean limits.min_speed"]),
         ("train", "variant=best", ["variant = 'best'", "shielded"]),
         ("train", "preset=fast", ["preset = 'fast'", "smoke"]),
         ("train", "seed=abc", ["seed = 'abc'"]),
         ("train", "planner.horizon=0", ["planner.horizon", "Got 0"]),
-        ("train", "shield.min_speed=50", ["shield.min_speed", "50"]),
+        ("train", "limits.min_speed=50", ["limits.min_speed", "50"]),
         ("train", "seed", ["seed"]),
         ("train", "resume=nowhere", ["resume = 'nowhere'"]),
         ("evaluate", "run=nowhere", ["run = 'nowhere'"]),
@@ -244,7 +244,7 @@ def test_a_real_process_says_the_same(tmp_path: Path) -> None:
     (tmp_path / "configs" / "__init__.py").write_text("raise RuntimeError('not ours')")
     root = Path(train.__file__).resolve().parents[1]
     done = subprocess.run(
-        [sys.executable, "-m", "irl_dal.train", "shield.min_speed=5", "shield.max_speed=1"],
+        [sys.executable, "-m", "irl_dal.train", "limits.min_speed=5", "limits.max_speed=1"],
         cwd=tmp_path,
         env={"PYTHONPATH": str(root), "PATH": ""},
         capture_output=True,
@@ -253,5 +253,5 @@ def test_a_real_process_says_the_same(tmp_path: Path) -> None:
     )
     assert done.returncode == 2 and done.stdout == ""
     (line,) = done.stderr.splitlines()
-    assert "shield.min_speed" in line and "max_speed=1.0" in line
+    assert "limits.min_speed" in line and "max_speed=1.0" in line
     assert [path.name for path in tmp_path.rglob("*")] == ["configs", "__init__.py"]

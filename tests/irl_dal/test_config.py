@@ -1,4 +1,4 @@
-from dataclasses import FrozenInstanceError, replace
+from dataclasses import FrozenInstanceError, fields, replace
 from pathlib import Path
 
 import pytest
@@ -14,6 +14,7 @@ from irl_dal.config import (
     known_keys,
     parse,
     register,
+    similar_key,
     to_mapping,
 )
 
@@ -34,7 +35,7 @@ def test_the_files_only_say_what_differs() -> None:
 
 def test_a_configuration_survives_its_file() -> None:
     """What is written into a run folder is read back equal."""
-    config = composed("variant=paper", "preset=smoke", "shield.max_lateral_acceleration=null")
+    config = composed("variant=paper", "preset=smoke", "limits.max_lateral_acceleration=null")
     assert parse(yaml.safe_load(yaml.safe_dump(to_mapping(config)))) == config
 
 
@@ -68,7 +69,7 @@ def test_variants_add_one_part_after_the_other(
     config = composed(f"variant={variant}")
     assert config.variant == variant
     assert config.learning.sampling == sampling
-    assert config.supervision.enabled is planner
+    assert config.planner.enabled is planner
     assert config.perception.adaptive_mask is mask
     assert config.learning.saec == saec
     assert config.planner.projection == projection
@@ -81,7 +82,7 @@ def test_only_ours_asks_the_planner_otherwise_than_the_paper(variant: str) -> No
     theirs, ours = composed(f"variant={variant}"), composed("variant=shielded")
     trigger = theirs.shield.trigger
     assert trigger.stall_time is None and trigger.preview_time is None
-    assert theirs.supervision.without_lane and not ours.supervision.without_lane
+    assert theirs.planner.without_lane and not ours.planner.without_lane
     assert theirs.planner.guidance.last_steps == 1 < ours.planner.guidance.last_steps
     assert ours.shield.trigger.stall_time is not None
     assert ours.shield.trigger.preview_time is not None
@@ -123,7 +124,7 @@ def test_the_command_line_has_the_last_word() -> None:
 
 def test_shared_quantities_are_stated_once() -> None:
     """The fastest speed and the LiDAR's range reach every part that needs them."""
-    config = composed("shield.max_speed=9", "env.lidar_range=30")
+    config = composed("limits.max_speed=9", "env.lidar_range=30")
     assert config.perception.max_speed == 9.0
     assert (config.perception.max_range, config.expert.max_range) == (30.0, 30.0)
 
@@ -131,13 +132,13 @@ def test_shared_quantities_are_stated_once() -> None:
 @pytest.mark.parametrize(
     ("override", "named"),
     [
-        ("shield.min_speed=13", ["shield.min_speed", "13"]),
+        ("limits.min_speed=13", ["limits.min_speed", "13"]),
         ("planner.horizon=0", ["planner.horizon", "0"]),
         ("seed=abc", ["seed", "'abc'"]),
         ("seed=1.5", ["seed", "1.5"]),
         ("seed=-1", ["seed", "-1"]),
-        ("shield.max_speed=fast", ["shield.max_speed", "'fast'"]),
-        ("shield.max_speed=nan", ["shield.max_speed", "nan"]),
+        ("limits.max_speed=fast", ["limits.max_speed", "'fast'"]),
+        ("limits.max_speed=nan", ["limits.max_speed", "nan"]),
         ("learning.sampling=often", ["learning.sampling", "'often'"]),
         ("learning.ppo.gamma=1.5", ["learning.ppo.gamma", "1.5"]),
         ("env.reward=3", ["env.reward", "3"]),
@@ -157,6 +158,29 @@ def test_impossible_values_are_named(override: str, named: list[str]) -> None:
     assert "\n" not in line
     for part in named:
         assert part in line
+
+
+@pytest.mark.parametrize(
+    ("key", "meant"),
+    [
+        ("shield.max_speed", "limits.max_speed"),
+        ("supervision.activation", "planner.activation"),
+        ("planner.horizons", "planner.horizon"),
+        ("learning.gamma", "learning.ppo.gamma"),
+    ],
+)
+def test_an_unknown_key_is_answered_with_the_nearest_known_one(key: str, meant: str) -> None:
+    """By its last part first: that is what remains of a key that moved to another section."""
+    assert similar_key(key) == meant
+    with pytest.raises(ConfigError, match=r"shield\.max_speed = 9: .* mean limits\.max_speed\?"):
+        parse({"shield": {"max_speed": 9}})
+
+
+def test_the_sections_are_the_groups() -> None:
+    """A section is the dataclass of its part, field by field: no mapping stands between."""
+    mapping = to_mapping(RunConfig())
+    for group in GROUPS:
+        assert list(mapping[group]) == [entry.name for entry in fields(getattr(RunConfig(), group))]
 
 
 def test_evaluation_never_uses_a_training_seed() -> None:

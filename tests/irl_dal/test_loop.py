@@ -8,8 +8,7 @@ import pytest
 
 from irl_dal.build import build_loop, build_planner, supervision
 from irl_dal.config import RunConfig
-from irl_dal.loop import Activation
-from irl_dal.planner import ProjectionMode
+from irl_dal.planner import Activation, ProjectionMode
 from shield import BarrierConfig
 
 
@@ -28,7 +27,7 @@ def straight(tmp_path: Path) -> RunConfig:
             dynamics="kinematic",
             difficulty="easy",
         ),
-        supervision=replace(config.supervision, enabled=False),
+        planner=replace(config.planner, enabled=False),
     )
 
 
@@ -71,8 +70,9 @@ def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
     config = replace(
         straight,
         shield=replace(straight.shield, enabled=False),
-        planner=replace(straight.planner, projection=projection),
-        supervision=replace(straight.supervision, enabled=True, activation=activation),
+        planner=replace(
+            straight.planner, enabled=True, activation=activation, projection=projection
+        ),
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
@@ -96,8 +96,9 @@ def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
     """Else a far wish outweighs a plan that may move one step; unprojected plans are far, too."""
     config = replace(
         straight,
-        planner=replace(straight.planner, projection=projection),
-        supervision=replace(straight.supervision, enabled=True, activation="always"),
+        planner=replace(
+            straight.planner, enabled=True, activation="always", projection=projection
+        ),
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
@@ -116,8 +117,8 @@ def test_a_planner_that_sees_no_lane_is_not_asked(
 ) -> None:
     """Unless something is near, or the variant asks it all the same; the state stays risky."""
     for without_lane, asked in ((False, False), (True, True)):
-        watch = replace(straight.supervision, enabled=True, without_lane=without_lane)
-        config = replace(straight, supervision=watch)
+        planner = replace(straight.planner, enabled=True, without_lane=without_lane)
+        config = replace(straight, planner=planner)
         loop = build_loop(config, supervision(config, build_planner(config)))
         loop.reset(seed=0)
         see = loop._lane.update

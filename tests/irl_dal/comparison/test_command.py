@@ -75,7 +75,7 @@ def test_a_mistake_gets_one_line(
 def test_a_run_without_a_planner_is_refused(call: Call, tmp_path: Path) -> None:
     """There is nothing to compare."""
     config = tiny_config()
-    off = replace(config, supervision=replace(config.supervision, enabled=False))
+    off = replace(config, planner=replace(config.planner, enabled=False))
     run = untrained_run(tmp_path / "runs" / "bare", off)
     assert "without a planner" in call(f"run={run}")
 

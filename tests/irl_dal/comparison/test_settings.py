@@ -27,17 +27,15 @@ def test_an_arm_changes_only_the_supervision() -> None:
     changed = Arm("always", "xt", shielded=False, guided=False).configure(config, candidates=4)
     assert changed.planner.projection == "xt" and changed.planner.candidates == 4
     assert changed.planner.guidance.scale == 0.0
-    assert changed.supervision.activation == "always" and not changed.shield.enabled
-    undone = replace(
-        changed, planner=config.planner, supervision=config.supervision, shield=config.shield
-    )
+    assert changed.planner.activation == "always" and not changed.shield.enabled
+    undone = replace(changed, planner=config.planner, shield=config.shield)
     assert undone == config
 
 
 def test_alone_the_planner_has_all_the_weight() -> None:
     """What is executed is the plan's first command, whatever the risk."""
     alone = Arm("alone", "x0", shielded=False).configure(RunConfig())
-    assert alone.planner.blend.base == 1.0 and alone.supervision.activation == "always"
+    assert alone.planner.blend.base == 1.0 and alone.planner.activation == "always"
     always = Arm("always", "x0", shielded=False).configure(RunConfig())
     assert always.planner.blend == RunConfig().planner.blend
 

@@ -119,8 +119,8 @@ def test_plans_do_not_depend_on_what_was_compared_before() -> None:
             return loop.step(action)
 
     config = small_config()
-    config = replace(config, supervision=replace(config.supervision, activation="always"))
-    config = replace(config, planner=replace(config.planner, deadline=10.0, sampling_steps=2))
+    planner = replace(config.planner, activation="always", deadline=10.0, sampling_steps=2)
+    config = replace(config, planner=planner)
     planner = build_planner(config)
     loop = build_loop(config, supervision(config, planner))
     reference, agent = expert_supervision(config), Supervised()
