@@ -164,7 +164,7 @@ def known_keys() -> list[str]:
 
 
 def similar_key(key: str) -> str | None:
-    """A known key that was probably meant: one of the same name elsewhere, or of similar letters."""
+    """The known key closest to an unknown one: of the same name in another section first."""
     known = known_keys()
     elsewhere = [other for other in known if other.split(".")[-1] == key.split(".")[-1]]
     close = get_close_matches(key, elsewhere, n=1, cutoff=0.0) or get_close_matches(key, known, n=1)

@@ -96,9 +96,7 @@ def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
     """Else a far wish outweighs a plan that may move one step; unprojected plans are far, too."""
     config = replace(
         straight,
-        planner=replace(
-            straight.planner, enabled=True, activation="always", projection=projection
-        ),
+        planner=replace(straight.planner, enabled=True, activation="always", projection=projection),
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
