@@ -137,7 +137,7 @@ def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> 
         config = replace(
             straight,
             shield=replace(straight.shield, trigger=trigger),
-            supervision=replace(straight.supervision, enabled=True),
+            planner=replace(straight.planner, enabled=True),
         )
         loop = build_loop(config, supervision(config, build_planner(config)))
         loop.reset(seed=0)

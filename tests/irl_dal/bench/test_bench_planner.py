@@ -99,6 +99,6 @@ def test_a_missing_run_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_run_without_a_planner_is_refused(tmp_path: Path) -> None:
     """There is nothing to time."""
     config = RunConfig()
-    off = replace(config, supervision=replace(config.supervision, enabled=False))
+    off = replace(config, planner=replace(config.planner, enabled=False))
     with pytest.raises(ValueError, match="without a planner"):
         make_planner(off)
