@@ -9,10 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
+from irl_dal.envs.arrays import Array
 from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
-
-Array = NDArray[np.float64]
 
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 """Where the camera flies and how far in front of the car it looks [m]."""

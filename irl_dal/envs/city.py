@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Array, Info, Observation
 from irl_dal.envs.chase import Caption, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
@@ -25,10 +26,6 @@ from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
 from irl_dal.envs.vehicle import FRONT_BUMPER, KinematicVehicle, Vehicle, VehicleState
 from irl_dal.envs.world import Illumination, World
 from shield import ActuatorLimits, LaneMeasurement
-
-Array = NDArray[np.float64]
-Observation = dict[str, NDArray[Any]]
-Info = dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)

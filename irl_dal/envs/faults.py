@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections import deque
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Observation
 from irl_dal.envs.vehicle import SERVO_RATE
 
 __all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
-
-Observation = dict[str, NDArray[Any]]
 
 MAX_LATENCY = 5
 """Longest latency that can be asked for [steps]."""

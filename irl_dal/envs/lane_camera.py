@@ -25,11 +25,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Array
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH
 from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH
 from shield import LaneMeasurement
 
-Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
 YELLOW, WHITE = 1.35, 2.4

@@ -9,9 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from irl_dal.envs.arrays import Array
 
 SPACING = 0.5
 """Distance between two points of the centre line [m]."""

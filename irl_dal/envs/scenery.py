@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Array
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
 from irl_dal.envs.world import Colour, World
 
-Array = NDArray[np.float64]
 Strip = tuple[Array, NDArray[np.int64]]
 
 STEP = 3.0

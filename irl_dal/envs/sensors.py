@@ -5,12 +5,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Array
 from irl_dal.envs.road import HOME_LANE, Road, RoadPoint
 from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
 from shield import LaneMeasurement
-
-Array = NDArray[np.float64]
 
 
 class Lidar:

@@ -9,11 +9,8 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irl_dal.envs.world import World
-
-Array = NDArray[np.float64]
 
 WHEELBASE = 2.7
 TRACK = 1.6

@@ -12,6 +12,8 @@ from importlib import resources
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.envs.arrays import Array
+
 
 @contextmanager
 def _quiet() -> Iterator[None]:
@@ -30,7 +32,6 @@ def _quiet() -> Iterator[None]:
 with _quiet():  # it tells its build time on stderr
     import pybullet
 
-Array = NDArray[np.float64]
 Colour = tuple[float, float, float]
 
 PHYSICS_STEP = 1.0 / 80.0

@@ -1,5 +1,6 @@
 """Files become roads, or one line says why not."""
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from irl_dal.config import ConfigError, RunConfig, parse, to_mapping
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE
 from irl_dal.envs.track import Track, TrackError
+from irl_dal.envs.track_file import TrackFile
 
 HEADER = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 80, endpoint=False)
@@ -21,17 +23,34 @@ def write(folder: Path, text: str) -> Path:
     return path
 
 
-@pytest.mark.parametrize(
-    "text",
-    [
-        HEADER + "\n".join(CIRCLE),
-        "\n".join(CIRCLE),
-        (HEADER + "\n".join(CIRCLE)).replace("\n", "\r\n"),
-        HEADER + "\n\n".join(CIRCLE) + "\n\n",
-        "\ufeff" + HEADER + "\n".join([*CIRCLE, CIRCLE[0]]),
-    ],
-    ids=["plain", "no header", "CRLF", "blank lines", "first point repeated"],
-)
+PLAIN = HEADER + "\n".join(CIRCLE)
+
+FORMS = {
+    "plain": PLAIN,
+    "no heading": "\n".join(CIRCLE),
+    "bare heading": PLAIN.removeprefix("# "),
+    "semicolons": PLAIN.replace(",", "; "),
+    "tabs": PLAIN.replace(",", "\t"),
+    "spaces": PLAIN.replace(",", "  "),
+    "separator at the end": PLAIN.replace("\n", ",\n"),
+    "CRLF": PLAIN.replace("\n", "\r\n"),
+    "CR": PLAIN.replace("\n", "\r"),
+    "blank lines": HEADER + "\n\n".join(CIRCLE) + "\n\n",
+    "byte order mark": "\ufeff" + PLAIN,
+    "comments": "# a circle, surveyed 2020\n" + HEADER + "\n# half\n".join(CIRCLE),
+    "heading repeated": PLAIN + "\n" + HEADER,
+    "first point repeated": "\n".join([PLAIN, CIRCLE[0]]),
+    "first point twice more": "\n".join([PLAIN, CIRCLE[0], CIRCLE[0]]),
+    "a centimetre past": PLAIN + "\n80.0,0.01,8,7.5",
+    "a centimetre short": PLAIN + "\n80.0,-0.01,8,7.5",
+    "half a metre past": PLAIN + "\n80.0,0.5,8,7.5",
+    "three points again": "\n".join([PLAIN, *CIRCLE[:3]]),
+    "three points again, aside": "\n".join([PLAIN, "80.3,0.2,8,7.5", "79.9,6.5,8,7.5"]),
+}
+"""One circle, written in many ways."""
+
+
+@pytest.mark.parametrize("text", FORMS.values(), ids=FORMS.keys())
 def test_a_circle_is_a_circle(tmp_path: Path, text: str) -> None:
     """However the file is written; the yellow line runs 7 m left of the right-hand edge."""
     track = Track.read(write(tmp_path, text))
@@ -63,6 +82,23 @@ def test_widths_keep_their_order_by_name(tmp_path: Path) -> None:
         (HEADER + "\n".join([*CIRCLE[:4], "1,2,1,1"]), "line 6: the road is 2 m wide"),
         (HEADER + "\n".join([*CIRCLE[:4], CIRCLE[3]]), "line 6: the point .* repeats"),
         (HEADER + "0,0,7,7\n10,0,7,7\n5,8,7,7", "bends with a radius of"),
+        (HEADER + "start,0,7,7\n" + "\n".join(CIRCLE), "line 2: x_m .*'start'"),
+        ("0,0,wide,7\n" + "\n".join(CIRCLE), "line 1: w_tr_right_m .*'wide'"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1;2;7;7;1"]), "line 6: 4 columns are needed, got 5"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1;2,5;7;7"]), "line 6: y_m .*'2,5'"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1_0,2,7,7"]), "line 6: x_m .*'1_0'"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1,2,inf,7"]), "line 6: w_tr_right_m .*'inf'"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1,2,,7"]), "line 6: w_tr_right_m .*''"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1,2,90,90"]), "line 6: the road is 180 m wide"),
+        (HEADER + "\n".join([*CIRCLE[:4], "1e9,2,7,7"]), "line 6: the point is 1e[+]09 m from"),
+        ("id,x,y,right,left\n1,2,3,4,5", "line 1: .* x_m, y_m, .* missing, got id, x, y, right"),
+        ("# y,x,left,right\n1,2,3,4", "line 1: .* missing, got y, x, left, right"),
+        ("# s_m; x_m; y_m; psi_rad\n0;1;2;3", "line 1: .* w_tr_right_m, w_tr_left_m are missing"),
+        ("# x_m,y_m,w_tr_right_m,w_tr_left_m,x_m\n", "line 1: the column x_m is named twice"),
+        ("# x_m,y_m\n1,2", "line 1: the columns w_tr_right_m, w_tr_left_m are missing"),
+        (PLAIN + "\n# y_m,x_m,w_tr_right_m,w_tr_left_m", "line 82: a second heading"),
+        ("1,2,7,7,0\n", "line 1: 4 columns are needed, got 5"),
+        (HEADER + "1,2,7,7\n" * 30, "line 3: the point .* repeats"),
     ],
 )
 def test_what_is_no_road_is_refused(tmp_path: Path, text: str, says: str) -> None:
@@ -71,6 +107,74 @@ def test_what_is_no_road_is_refused(tmp_path: Path, text: str, says: str) -> Non
     with pytest.raises(TrackError, match=says) as caught:
         Track.read(path)
     assert str(path) in str(caught.value) and "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("clockwise", [False, True])
+def test_the_right_hand_edge_is_the_road_s(clockwise: bool, tmp_path: Path) -> None:
+    """A circle driven clockwise has its right-hand edge inside."""
+    rows = CIRCLE[::-1] if clockwise else CIRCLE
+    track = Track.read(write(tmp_path, HEADER + "\n".join(rows)))
+    radius = 80.0 - 8.0 + HALF_WIDTH if clockwise else 80.0 + 8.0 - HALF_WIDTH
+    assert np.linalg.norm(track.points, axis=1) == pytest.approx(radius, abs=0.3)
+    assert (np.sign(track.curvature) == (-1.0 if clockwise else 1.0)).all()
+
+
+def rows_of(points: list[tuple[float, float]]) -> str:
+    return HEADER + "\n".join(f"{x:.3f},{y:.3f},5,5" for x, y in points)
+
+
+def uneven_circuit(first: int) -> list[tuple[float, float]]:
+    """Two straights of 220 m, a point every 55 m, and bends with a point every 4 m."""
+    angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 50)
+    right = [(220.0 + 63.7 * np.cos(a), 63.7 * np.sin(a)) for a in angle]
+    left = [(-63.7 * np.cos(a), -63.7 * np.sin(a)) for a in angle]
+    below, above = [[(55.0 * k, y) for k in (1, 2, 3)] for y in (-63.7, 63.7)]
+    points = [*below, *right, *above[::-1], *left]
+    return points[first:] + points[:first]
+
+
+@pytest.mark.parametrize("first", [0, 1, 2, 3, 30, 54])
+def test_a_circuit_with_few_points_on_its_straights_is_closed(first: int, tmp_path: Path) -> None:
+    """Wherever the file begins, the road is the same and closed."""
+    track = Track.read(write(tmp_path, rows_of(uneven_circuit(first))))
+    assert track.closed and track.length == pytest.approx(833.0, abs=10.0)
+
+
+@pytest.mark.parametrize(
+    "points",
+    [
+        [(10.0 * k, 0.0) for k in range(40)],
+        [(100.0 * np.cos(a), 100.0 * np.sin(a)) for a in np.linspace(0.0, 4.7, 60)],
+        uneven_circuit(0)[:56],
+        uneven_circuit(3)[:53],
+    ],
+    ids=["straight", "three quarters of a circle", "half a circuit", "one bend and a straight"],
+)
+def test_an_open_road_is_not_closed(points: list[tuple[float, float]], tmp_path: Path) -> None:
+    """No road is invented where the ends are far apart or do not lead to each other."""
+    assert not Track.read(write(tmp_path, rows_of(points))).closed
+
+
+@pytest.mark.parametrize("count", [2, 20, 60])
+def test_the_line_of_a_bend_is_named(count: int, tmp_path: Path) -> None:
+    """However many points the straight before a right angle has."""
+    straight = [(float(x), 0.0) for x in np.linspace(0.0, 500.0, count)]
+    rest = [(500.0 + 5.0 * k, 0.0) for k in range(1, 21)]
+    corner = [(600.0, 5.0 * k) for k in range(1, 61)]
+    path = write(tmp_path, rows_of([*straight, *rest, *corner]))
+    with pytest.raises(TrackError) as caught:
+        Track.read(path)
+    named = re.search(r"line (\d+)", str(caught.value))
+    assert named is not None and abs(int(named[1]) - (count + 21)) <= 1
+
+
+def test_the_points_of_a_file_are_kept(tmp_path: Path) -> None:
+    """What is read is what was written, with the line that each point stands in."""
+    file = TrackFile.read(write(tmp_path, "\n" + PLAIN + "\n" + CIRCLE[0]))
+    assert file.points[3] == pytest.approx([float(v) for v in CIRCLE[3].split(",")[:2]])
+    assert len(file.points) == len(CIRCLE) and file.closed
+    assert file.lines == tuple(range(3, 3 + len(CIRCLE)))
+    assert (file.widths == (8.0, 7.5)).all()
 
 
 def test_a_missing_file_is_named() -> None:
