@@ -26,6 +26,10 @@ MIN_WIDTH, MAX_WIDTH = 4.0, 100.0
 MAX_STEP = 5_000.0
 """Between two points [m]; a longer one is a slip of the pen, not a straight."""
 
+GRID = 10_000.0
+"""Points are moved by multiples of this [m], the first one to less than half of it from the origin:
+the renderer computes in single precision, in which map coordinates of 5,000 km have steps of 0.5 m."""
+
 REPEATED = 1e-6
 """Points closer than this are the same [m]."""
 
@@ -57,7 +61,8 @@ class TrackFile:
 
     Attributes:
         path: Of the file.
-        points: Centre line (n, 2) [m]; a closed line does not repeat its first point.
+        points: Centre line (n, 2) [m], moved to the origin by multiples of `GRID`; a closed line
+            does not repeat its first point.
         widths: From it to the right and to the left edge (n, 2) [m].
         lines: Line of the file that each point stands in.
         closed: Whether the last point leads to the first.

@@ -177,6 +177,20 @@ def test_the_points_of_a_file_are_kept(tmp_path: Path) -> None:
     assert (file.widths == (8.0, 7.5)).all()
 
 
+def test_map_coordinates_are_moved_to_the_origin(tmp_path: Path) -> None:
+    """A road in UTM coordinates looks like the same road at the origin: the renderer has floats."""
+    images = []
+    for offset in (0.0, 5_500_000.0):
+        rows = [
+            (float(x) + offset, float(y) + offset) for x, y, *_ in (c.split(",") for c in CIRCLE)
+        ]
+        path = write(tmp_path, rows_of(rows))
+        env = CityEnv(CityConfig(track=str(path), route_length=100.0, route_spread=0.0))
+        images.append(env.reset(seed=1)[0]["image"].astype(float))
+        env.close()
+    assert np.abs(images[0] - images[1]).mean() < 0.1
+
+
 def test_a_missing_file_is_named() -> None:
     """The operating system's reason is in the message."""
     with pytest.raises(TrackError, match=r"nowhere\.csv: No such file"):
