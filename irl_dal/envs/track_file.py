@@ -27,8 +27,8 @@ MAX_STEP = 5_000.0
 """Between two points [m]; a longer one is a slip of the pen, not a straight."""
 
 GRID = 10_000.0
-"""Points are moved by multiples of this [m], the first one to less than half of it from the origin:
-the renderer computes in single precision, in which map coordinates of 5,000 km have steps of 0.5 m."""
+"""Points are moved by multiples of this [m], the first one to half of it from the origin at most:
+the renderer has single precision, in which map coordinates of 5,000 km have steps of 0.5 m."""
 
 REPEATED = 1e-6
 """Points closer than this are the same [m]."""
@@ -85,9 +85,8 @@ class TrackFile:
         rows, lines = _Reader(path).rows()
         _check_steps(path, rows, lines)
         rows = _one_lap(rows)
-        return cls(
-            path, rows[:, :2], rows[:, 2:], tuple(lines[: len(rows)]), _is_closed(rows[:, :2])
-        )
+        points = rows[:, :2] - GRID * np.round(rows[0, :2] / GRID)
+        return cls(path, points, rows[:, 2:], tuple(lines[: len(rows)]), _is_closed(points))
 
     def error(self, point: int, message: str) -> TrackError:
         """An error that names the line of a point."""

@@ -188,7 +188,7 @@ def test_map_coordinates_are_moved_to_the_origin(tmp_path: Path) -> None:
         env = CityEnv(CityConfig(track=str(path), route_length=100.0, route_spread=0.0))
         images.append(env.reset(seed=1)[0]["image"].astype(float))
         env.close()
-    assert np.abs(images[0] - images[1]).mean() < 0.1
+    assert np.abs(images[0] - images[1]).mean() < 1.0
 
 
 def test_a_missing_file_is_named() -> None:
