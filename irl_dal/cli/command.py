@@ -14,6 +14,7 @@ from hydra.errors import ConfigCompositionException, HydraException, MissingConf
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 
+from irl_dal.cli.streams import replace_unknown_characters
 from irl_dal.config import ConfigError, register, similar_key
 from irl_dal.storage.checkpoint import CheckpointError
 
@@ -26,6 +27,9 @@ absolute path, because `configs` may be another package's name where the command
 USER_ERROR = 2
 """Exit code of a mistake in what was asked for."""
 
+INTERRUPTED = 130
+"""Exit code after Ctrl-C, as a shell has it."""
+
 Task = Callable[[DictConfig], None]
 
 
@@ -33,7 +37,8 @@ def run_command(task: Task, config_name: str) -> None:
     """Compose the configuration from the command line and call `task` with it.
 
     A wrong configuration, a run folder or a checkpoint that cannot be used end the process with one
-    line on stderr and exit code 2.
+    line on stderr and exit code 2; Ctrl-C ends it with one line and exit code 130. A task says
+    what is kept by raising `KeyboardInterrupt(words)`.
 
     Args:
         task: The command.
@@ -42,6 +47,7 @@ def run_command(task: Task, config_name: str) -> None:
     Raises:
         SystemExit: After such a mistake.
     """
+    replace_unknown_characters()
     register()
     # Hydra then raises what it would otherwise print over many lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
@@ -52,6 +58,9 @@ def run_command(task: Task, config_name: str) -> None:
         entry()
     except (HydraException, OmegaConfBaseException) as error:
         _fail(describe(error, sys.argv[1:]))
+    except KeyboardInterrupt as error:
+        print("; ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
+        raise SystemExit(INTERRUPTED) from None
 
 
 def describe(error: Exception, arguments: Sequence[str]) -> str:
