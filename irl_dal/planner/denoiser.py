@@ -11,7 +11,6 @@ References:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
@@ -21,32 +20,14 @@ from irl_dal.planner.context import CONTEXT_SIZE
 
 ACTION_SIZE = 2
 
+EMBEDDING = 64
+"""Size of the sinusoidal embedding of k; the paper does not give it."""
+
+CONDITION = 128
+"""Size of the mixed condition: the embedding and the context, 64 numbers each."""
+
 NORM_EPSILON = 1e-6
-
-
-@dataclass(frozen=True, slots=True)
-class DenoiserConfig:
-    """Size of the U-Net.
-
-    Attributes:
-        width: Channels at full length; twice that at half length. 64 gives about 0.43 M parameters
-            and 0.2 ms per evaluation.
-        embedding: Size of the sinusoidal embedding of k.
-        condition: Size of the mixed condition.
-
-    Raises:
-        ValueError: A size that is not a positive even number.
-    """
-
-    width: int = 64
-    embedding: int = 64
-    condition: int = 128
-
-    def __post_init__(self) -> None:
-        for name in self.__slots__:
-            value = getattr(self, name)
-            if value < 2 or value % 2:
-                raise ValueError(f"`{name}` must be even and at least 2. Got {value}.")
+"""Added to a mean square before its root: keeps a position of zeros at zero."""
 
 
 class ResidualBlock(nn.Module):
@@ -75,16 +56,16 @@ class ConditionalUnet1d(nn.Module):
     """Noisy chunk, diffusion step and context to the network's prediction.
 
     Args:
-        config: Sizes.
+        width: Channels at full length, even; twice that at half length. 64 gives about 0.43 M
+            parameters and 0.2 ms per evaluation.
     """
 
-    def __init__(self, config: DenoiserConfig | None = None) -> None:
+    def __init__(self, width: int = 64) -> None:
         super().__init__()
-        self.config = DenoiserConfig() if config is None else config
-        width, condition = self.config.width, self.config.condition
-        self.from_step = nn.Linear(self.config.embedding, condition)
-        self.from_context = nn.Linear(CONTEXT_SIZE, condition)
-        self.mix = nn.Linear(condition, condition)
+        self._width = width
+        self.from_step = nn.Linear(EMBEDDING, CONDITION)
+        self.from_context = nn.Linear(CONTEXT_SIZE, CONDITION)
+        self.mix = nn.Linear(CONDITION, CONDITION)
         self.down = ResidualBlock(ACTION_SIZE, width)
         self.shrink = nn.Conv1d(width, width, kernel_size=3, stride=2, padding=1)
         self.low = ResidualBlock(width, 2 * width)
@@ -92,19 +73,18 @@ class ConditionalUnet1d(nn.Module):
         self.grow = nn.Conv1d(2 * width, 2 * width, kernel_size=3, padding=1)
         self.up = ResidualBlock(2 * width, width)
         self.out = nn.Conv1d(width, ACTION_SIZE, kernel_size=1)
-        self.film = nn.Linear(condition, 2 * sum(self.film_channels))
+        self.film = nn.Linear(CONDITION, 2 * sum(self.film_channels))
 
     @property
     def film_channels(self) -> tuple[int, int, int, int]:
         """Channels that FiLM drives in `down`, `low`, `middle` and `up`."""
-        width = self.config.width
-        return (width, 2 * width, 2 * width, width)
+        return (self._width, 2 * self._width, 2 * self._width, self._width)
 
     def condition(self, step_embedding: Tensor, context: Tensor) -> Tensor:
         """All scales and shifts of one evaluation.
 
         Args:
-            step_embedding: (B, embedding) from `embed_step`.
+            step_embedding: (B, 64) from `embed_step`.
             context: (B, 64) or anything that broadcasts against it.
 
         Returns:
@@ -131,7 +111,7 @@ class ConditionalUnet1d(nn.Module):
         if noisy.shape[1] % 2:
             raise ValueError(f"`horizon` must be even, the U-Net halves it. Got {noisy.shape[1]}.")
         check_context(tuple(context.shape))
-        film = self.condition(embed_step(k, self.config.embedding), context)
+        film = self.condition(embed_step(k), context)
         terms = torch.split(film, [c for c in self.film_channels for _ in range(2)], dim=1)
         full = self.down(noisy, terms[0], terms[1])
         half = self.low(convolve(self.shrink, full), terms[2], terms[3])
@@ -168,9 +148,9 @@ def check_context(shape: tuple[int, ...]) -> None:
         raise ValueError(f"`context` must have shape (B, {CONTEXT_SIZE}). Got {shape}.")
 
 
-def embed_step(k: Tensor, size: int) -> Tensor:
-    """Sinusoidal embedding of the diffusion steps k (B,) of even `size`: (B, size)."""
-    half = size // 2
+def embed_step(k: Tensor) -> Tensor:
+    """Sinusoidal embedding of the diffusion steps k (B,): (B, `EMBEDDING`)."""
+    half = EMBEDDING // 2
     frequency = torch.exp(-math.log(10_000.0) * torch.arange(half, device=k.device) / half)
     angle = k.to(frequency.dtype)[:, None] * frequency
     return torch.cat([angle.sin(), angle.cos()], dim=1)

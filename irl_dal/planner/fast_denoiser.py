@@ -27,9 +27,6 @@ from irl_dal.shortcuts import compiled
 
 Single = NDArray[np.float32]
 
-GROUP = 4
-"""Samples whose convolutions share one reading of the weights."""
-
 
 class _Layer(NamedTuple):
     """A length-3 or length-1 convolution as a matrix (3 * inputs, outputs) or (inputs, outputs)."""
@@ -39,7 +36,7 @@ class _Layer(NamedTuple):
 
 
 class _Block(NamedTuple):
-    """A `ResidualBlock`; one without a skip convolution has an empty one."""
+    """A `ResidualBlock`; without a skip convolution that layer is empty."""
 
     first: _Layer
     second: _Layer
@@ -60,7 +57,7 @@ class _Unet(NamedTuple):
 
 
 class Film(NamedTuple):
-    """1 + scale and shift of one block for all reverse steps, each (S, B or 1, C)."""
+    """1 + scale and shift of one block for all reverse steps, each (S, C)."""
 
     scale: Single
     shift: Single
@@ -70,20 +67,15 @@ class FastDenoiser:
     """A snapshot of a U-Net's weights, ready for the reverse steps of one sampler.
 
     Args:
-        network: The trained network; later changes of it are not seen.
+        network: The trained network.
         k: Diffusion steps of the sampler, (S,).
     """
 
     def __init__(self, network: ConditionalUnet1d, k: NDArray[np.int64]) -> None:
-        self._network_of_context = _array(network.from_context.weight.T)
-        with torch.no_grad():
-            embedding = embed_step(torch.from_numpy(k.copy()), network.config.embedding)
-            device = network.from_step.weight.device
-            self._steps = _array(network.from_step(embedding.to(device)))  # (S, condition)
-        self._context_bias = _array(network.from_context.bias)
-        self._mix = _array(network.mix.weight.T), _array(network.mix.bias)
-        self._film = _array(network.film.weight.T), _array(network.film.bias)
-        self._channels = network.film_channels
+        self._network = network
+        self._snapshot = [weight.detach().clone() for weight in network.parameters()]
+        device = network.from_step.weight.device
+        self._steps = embed_step(torch.from_numpy(k.copy()).to(device))
         self._unet = _Unet(
             down=_block(network.down),
             shrink=_layer(network.shrink),
@@ -94,30 +86,27 @@ class FastDenoiser:
             out=_layer(network.out),
         )
 
+    def is_current(self) -> bool:
+        """Whether the network still has the weights of the snapshot."""
+        return all(map(torch.equal, self._network.parameters(), self._snapshot))
+
     def condition(self, context: Single) -> tuple[Film, ...]:
         """FiLM terms of `down`, `low`, `middle` and `up` for all reverse steps.
 
         Args:
-            context: (B, 64), or (1, 64) for a batch that shares it.
+            context: (1, 64), shared by all chunks of a batch.
 
         Raises:
             ValueError: A context of another size.
         """
         check_context(context.shape)
-        mixed = context @ self._network_of_context
-        mixed += self._context_bias
-        hidden = self._steps[:, None] + mixed  # (S, B, condition)
-        with np.errstate(over="ignore"):
-            for weight, bias in (self._mix, self._film):
-                hidden /= 1.0 + np.exp(-hidden)  # SiLU; where exp(-x) overflows, x / inf
-                hidden = hidden.reshape(-1, hidden.shape[-1]) @ weight
-                hidden += bias
-        table = hidden.reshape(len(self._steps), len(context), -1)
+        with torch.inference_mode():
+            shared = torch.from_numpy(context).to(self._steps.device)
+            table = _array(self._network.condition(self._steps, shared))
         films, start = [], 0
-        for channels in self._channels:
-            scale = table[..., start : start + channels] + np.float32(1.0)
-            shift = np.ascontiguousarray(table[..., start + channels : start + 2 * channels])
-            films.append(Film(scale, shift))
+        for channels in self._network.film_channels:
+            scale, shift = np.split(table[:, start : start + 2 * channels], 2, axis=1)
+            films.append(Film(np.float32(1.0) + scale, np.ascontiguousarray(shift)))
             start += 2 * channels
         return tuple(films)
 
@@ -147,8 +136,7 @@ def _residual(block: _Block, x: Single, film: Film, index: int) -> Single:
     hidden = _convolve(x, block.first, 1)
     _activate(hidden, film.scale[index], film.shift[index])
     hidden = _convolve(hidden, block.second, 1)
-    gain = block.gain.reshape(1, -1)
-    _activate(hidden, gain, np.zeros_like(gain))
+    _activate(hidden, block.gain, np.zeros_like(block.gain))
     if block.skip.weight.size:
         hidden += _convolve(x, block.skip, 1)
     else:
@@ -158,47 +146,26 @@ def _residual(block: _Block, x: Single, film: Film, index: int) -> Single:
 
 @compiled
 def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
-    """(B, length, inputs) to (B, length / stride, outputs), padded with zeros.
-
-    A matrix product of so few rows is bound by reading the weights: four rows of them at a time
-    serve all positions of `GROUP` samples, whose sums stay in the nearest cache.
-    """
+    """(B, length, inputs) to (B, length / stride, outputs), padded with zeros."""
     batch, length, inputs = x.shape
-    outputs = len(layer.bias)
-    taps = len(layer.weight) // inputs
-    result = np.empty((batch, length // stride, outputs), np.float32)
-    result[:] = layer.bias
-    for first in range(0, batch, GROUP):
-        samples = range(first, min(first + GROUP, batch))
-        for tap in range(taps):
-            weight = layer.weight[tap * inputs : (tap + 1) * inputs]
-            for j in range(0, inputs - 3, 4):
-                w0, w1, w2, w3 = weight[j], weight[j + 1], weight[j + 2], weight[j + 3]
-                for sample in samples:
-                    for place in range(length // stride):
-                        source = place * stride + tap - taps // 2
-                        if 0 <= source < length:
-                            seen, row = x[sample, source], result[sample, place]
-                            x0, x1, x2, x3 = seen[j], seen[j + 1], seen[j + 2], seen[j + 3]
-                            for c in range(outputs):
-                                row[c] += x0 * w0[c] + x1 * w1[c] + x2 * w2[c] + x3 * w3[c]
-            for j in range(inputs // 4 * 4, inputs):  # what is left over
-                for sample in samples:
-                    for place in range(length // stride):
-                        source = place * stride + tap - taps // 2
-                        if 0 <= source < length:
-                            for c in range(outputs):
-                                result[sample, place, c] += x[sample, source, j] * weight[j, c]
-    return result
+    size, count = len(layer.weight) // inputs, length // stride
+    windows = np.zeros((batch, count, size * inputs), np.float32)
+    for place in range(count):
+        for tap in range(size):
+            source = place * stride + tap - size // 2
+            if 0 <= source < length:
+                windows[:, place, tap * inputs : (tap + 1) * inputs] = x[:, source]
+    product = np.dot(windows.reshape(batch * count, -1), layer.weight)
+    product += layer.bias
+    return product.reshape(batch, count, -1)
 
 
 @compiled
 def _activate(x: Single, scale: Single, shift: Single) -> None:
-    """`normalise`, scale and shift (B or 1, C), then SiLU, in place on (B, length, C)."""
+    """`normalise`, scale and shift (C,), then SiLU, in place on (B, length, C)."""
     batch, length, channels = x.shape
     one = np.float32(1.0)
     for sample in range(batch):
-        shared = sample if len(scale) > 1 else 0
         for place in range(length):
             row = x[sample, place]
             total = np.float32(0.0)
@@ -207,7 +174,7 @@ def _activate(x: Single, scale: Single, shift: Single) -> None:
             mean = total / np.float32(channels) + np.float32(NORM_EPSILON)
             factor = one / np.float32(math.sqrt(mean))
             for c in range(channels):
-                value = row[c] * factor * scale[shared, c] + shift[shared, c]
+                value = row[c] * factor * scale[c] + shift[c]
                 row[c] = value / (one + np.exp(-value))
 
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.sampler import Refinement
+from shield.arguments import check_positive, check_within
 
 Array = NDArray[np.float64]
 
@@ -31,62 +32,79 @@ class GuidanceConfig:
         epsilon: Added to the gradient's norm. Below it the step shrinks with the gradient instead
             of keeping its length, so that a plan at the energy's minimum is left where it is. The
             paper means a number that only avoids a division by zero.
-        careful_end: Whether the last step is shortened to where it lowers the energy most, or not
-            taken. Where the energy is steep a step of full length goes past the valley: the plan's
-            energy then rises by it. The paper takes the full length.
-        last_steps: How many steps a careful end takes at most; it ends where the next one would
-            not lower the energy. The network undoes part of every earlier step, the last ones
-            stay. The paper takes one.
+        max_final_iterations: Largest number of steps of the final line search, which replaces the
+            last reverse step's step: each is shortened to where it lowers the energy most, and the
+            search ends where none does. A step of full length passes a steep valley and raises the
+            energy; and the network undoes part of every earlier step, but not of the last. 0 takes
+            one step of full length, as the paper does.
 
     Raises:
-        ValueError: A value that cannot be meant.
+        ValueError: If a field is out of range.
     """
 
     scale: float = 0.1
     epsilon: float = 0.3
-    careful_end: bool = True
-    last_steps: int = 6
+    max_final_iterations: int = 6
 
     def __post_init__(self) -> None:
-        if self.last_steps < 1:
-            raise ValueError(f"`last_steps` must be at least 1. Got {self.last_steps}.")
-        if not (math.isfinite(self.scale) and self.scale >= 0):
-            raise ValueError(f"`scale` must be finite and not negative. Got {self.scale}.")
-        if not (math.isfinite(self.epsilon) and self.epsilon > 0):
-            raise ValueError(f"`epsilon` must be finite and positive. Got {self.epsilon}.")
+        check_positive(ValueError, epsilon=self.epsilon)
+        iterations = self.max_final_iterations
+        check_within(ValueError, 0, math.inf, scale=self.scale, max_final_iterations=iterations)
 
 
 SHARES = np.array([1.0, 0.5, 0.25, 0.1])
-"""Of a step's length, tried at once at a careful end."""
+"""Of a step's length, tried at once in each iteration of the final line search."""
 SHARES.setflags(write=False)
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class GuidedPlans:
+    """What guidance makes of the network's last estimate.
+
+    Attributes:
+        actions: Normalised plans (B, H, 2).
+        energy_before: Energies (B,) of the estimate; NaN where guidance is switched off.
+    """
+
+    actions: Array
+    energy_before: Array
+
+
 class Guidance(Refinement):
-    """One normalised gradient step per reverse step, several shortened ones at a careful end.
+    """One normalised gradient step per reverse step, and a line search at the end.
 
     Args:
         energy: Composite energy of this context.
         config: Step length.
-        last: Index of the last reverse step; None where every step is like the others.
-
-    Attributes:
-        energy_before: Energies (B,) of the last estimate before its step; None at first.
     """
 
-    def __init__(
-        self, energy: TotalEnergy, config: GuidanceConfig, last: int | None = None
-    ) -> None:
+    def __init__(self, energy: TotalEnergy, config: GuidanceConfig) -> None:
         self._energy = energy
         self._config = config
-        self._last = last if config.careful_end else None
-        self.energy_before: Array | None = None
 
     def clean(self, clean: Array, index: int) -> Array:
         """The estimate (B, H, 2) moved towards lower energy."""
-        if index == self._last:
-            return self._descend(clean)
-        self.energy_before, step = self._step(clean)
+        if self._config.scale == 0.0:
+            return clean
+        _, step = self._step(clean)
         return clean - step
+
+    def finish(self, clean: Array) -> GuidedPlans:
+        """The network's last estimate (B, H, 2) moved towards lower energy."""
+        if self._config.scale == 0.0:
+            return GuidedPlans(clean, np.full(len(clean), np.nan))
+        before, step = self._step(clean)
+        if self._config.max_final_iterations == 0:
+            return GuidedPlans(clean - step, before)
+        energies = before
+        for iteration in range(self._config.max_final_iterations):
+            if iteration:
+                energies, step = self._step(clean)
+            share = self._best_share(clean, step, energies)
+            if not share.any():
+                break
+            clean = clean - share[:, None, None] * step
+        return GuidedPlans(clean, before)
 
     def _step(self, clean: Array) -> tuple[Array, Array]:
         """Energies (B,) and a step of Eq. dal_guidance (B, H, 2), to be subtracted."""
@@ -95,21 +113,8 @@ class Guidance(Refinement):
         gradient *= (self._config.scale / (norm + self._config.epsilon))[:, None, None]
         return energies, gradient
 
-    def _descend(self, clean: Array) -> Array:
-        """The careful end: steps that each lower the energy as far as they can."""
-        before = None
-        for _ in range(self._config.last_steps):
-            energies, step = self._step(clean)
-            before = energies if before is None else before
-            share = self._share(clean, step, energies)
-            if not share.any():
-                break
-            clean = clean - share[:, None, None] * step
-        self.energy_before = before
-        return clean
-
-    def _share(self, clean: Array, step: Array, energies: Array) -> Array:
+    def _best_share(self, clean: Array, step: Array, energies: Array) -> Array:
         """Share of each plan's step that leads to the least energy, 0 where all raise it (B,)."""
         tried = clean - SHARES[:, None, None, None] * step
-        found = self._energy.value(tried.reshape(-1, *clean.shape[1:])).reshape(len(SHARES), -1)
-        return np.where(found.min(axis=0) < energies, SHARES[found.argmin(axis=0)], 0.0)
+        values = self._energy.value(tried.reshape(-1, *clean.shape[1:])).reshape(len(SHARES), -1)
+        return np.where(values.min(axis=0) < energies, SHARES[values.argmin(axis=0)], 0.0)
