@@ -199,16 +199,16 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             )
             # A plan's first action is one step away, a policy's may be many: of a far one even a
             # small share holds the wheels at the angle where it pulls as hard as the plan turns.
-            own = watch.planner.admit(own, self._previous)
+            own = watch.planner.project_command(own, self._previous)
             command = watch.blend.blend(plan.actions[0], own, weight)
             if stalled and watch.safety_filter is not None:
                 # Plans that begin at rest may stay there; the shield stops what must not go on.
                 going = np.array([command[0], max(command[1], CREEP)])
-                command = watch.planner.admit(going, self._previous)
+                command = watch.planner.project_command(going, self._previous)
         else:
             watch.blend.reset()
         if watch.safety_filter is None:  # with a shield, this is the shield's work
-            command = watch.planner.admit(command, self._previous)
+            command = watch.planner.project_command(command, self._previous)
         return plan, weight, command
 
     def _planner_can_help(self) -> bool:

@@ -4,9 +4,10 @@ Each stays only while it pays a tenth of a default training or of a plan. Result
 without it to rounding, not to the last bit, so a run folder records which were in use
 (`run.json`, key `shortcuts`).
 
-| short cut   | where                     | pays |
-|-------------|---------------------------|------|
-| `compiled`  | network, roll-outs, energies of a plan | a plan of 5 ms takes 12.8 ms without |
+| short cut  | where             | pays: how much longer a plan takes without it              |
+|------------|-------------------|------------------------------------------------------------|
+| `compiled` | energies, adjoints | 2.1 times in numpy                                        |
+| `compiled` | network of a plan  | 1.5 times in numpy, 2.5 in traced torch, 4.3 in plain torch |
 """
 
 from __future__ import annotations

@@ -18,6 +18,7 @@ from irl_dal.planner import (
     PlanProjection,
     TotalEnergy,
 )
+from irl_dal.planner.config import CLIP
 from shield import HorizonProjector
 
 __all__ = ["PlainLoop"]
@@ -59,10 +60,8 @@ class PlainLoop:
         config, generator = self._planner.config, self._planner.generator
         energy = TotalEnergy(context, config.energy, self._planner.limits, config.horizon)
         steps = len(self._scheduler.timesteps)
-        guidance = Guidance(energy, config.guidance, steps - 1)
-        projection = PlanProjection(
-            config.projection, self._projector, context.previous, steps, config.defect_threshold
-        )
+        guidance = Guidance(energy, config.guidance)
+        projection = PlanProjection(config.projection, self._projector, context.previous)
         code = torch.from_numpy(context.encode())[None]
         shape = (config.candidates, config.horizon, 2)
         noisy = torch.randn(shape, generator=generator)
@@ -72,13 +71,11 @@ class PlainLoop:
                 k = torch.full((config.candidates,), int(timestep) + 1)
                 output: Tensor = self._planner.denoiser(noisy, k, code)
             clean = output.double().numpy()
-            if config.clip is not None:
-                clean = np.clip(clean, -config.clip, config.clip)
-            clean = projection.clean(guidance.clean(clean, index), index)
-            if index + 1 < steps:
-                refined = torch.from_numpy(clean).float()
-                step = self._scheduler.step(refined, timestep, noisy, generator=generator)
-                noisy = torch.from_numpy(
-                    projection.noisy(step.prev_sample.double().numpy(), index)
-                ).float()
-        return clean
+            clean = np.clip(clean, -CLIP, CLIP)
+            if index + 1 == steps:
+                break
+            refined = torch.from_numpy(projection.clean(guidance.clean(clean, index), index))
+            step = self._scheduler.step(refined.float(), timestep, noisy, generator=generator)
+            iterate = projection.noisy(step.prev_sample.double().numpy(), index)
+            noisy = torch.from_numpy(iterate).float()
+        return projection.finish(guidance.finish(clean).actions).actions

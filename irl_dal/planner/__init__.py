@@ -3,7 +3,7 @@
 from irl_dal.planner.blend import ActionBlend, BlendConfig
 from irl_dal.planner.config import Activation, PlannerConfig, SamplerKind
 from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
-from irl_dal.planner.denoiser import ConditionalUnet1d, DenoiserConfig
+from irl_dal.planner.denoiser import ConditionalUnet1d
 from irl_dal.planner.energy import EnergyConfig, EnergyForms, TotalEnergy
 from irl_dal.planner.guidance import Guidance, GuidanceConfig
 from irl_dal.planner.noise_schedule import NoiseSchedule, ScheduleKind
@@ -26,7 +26,6 @@ __all__ = [
     "Activation",
     "BlendConfig",
     "ConditionalUnet1d",
-    "DenoiserConfig",
     "DiffusionPlanner",
     "EnergyConfig",
     "EnergyForms",

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import Self
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -29,15 +26,7 @@ class ActionScale:
     def __init__(self, limits: ActuatorLimits) -> None:
         self.centre = 0.5 * (limits.low + limits.high)
         self.half = 0.5 * (limits.high - limits.low)
-        self._per_half = np.where(
-            self.half > 0.0, 1.0 / np.where(self.half > 0.0, self.half, 1.0), 0.0
-        )
-
-    @classmethod
-    @cache
-    def of(cls, limits: ActuatorLimits) -> Self:
-        """The map of these limits, made once: every plan needs it in half a dozen places."""
-        return cls(limits)
+        self._per_half = np.divide(1.0, self.half, out=np.zeros(2), where=self.half > 0.0)
 
     def to_command(self, actions: Array) -> Array:
         """Actions (..., 2) to commands [rad, m/s]."""

@@ -6,7 +6,7 @@
 | `lane_deviation`   | d_lane,t        | blend_hazard   |
 | `distance_scale`   | s_1             | blend_hazard   |
 | `deviation_scale`  | s_2             | blend_hazard   |
-| `base`, `slope`    | w_base^blend, w_scale^blend | blend_critical |
+| `base`, 1 - `base` | w_base^blend, w_scale^blend | blend_critical |
 | weight             | w_b             | final_blend    |
 """
 
@@ -18,7 +18,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shield.arguments import check_positive, check_within
+
+__all__ = ["ActionBlend", "BlendConfig"]
+
 Array = NDArray[np.float64]
+
+SMOOTHING = 0.5
+"""Share of the new weight in its exponential moving average; the paper does not give it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,43 +34,31 @@ class BlendConfig:
 
     Attributes:
         critical_clearance: d_critical (Table II) [m]; nearer than this the planner drives alone.
-        base: w_base^blend; the paper does not give it. A half saves a disturbed policy more often
-            than 0.3 does.
-        slope: w_scale^blend; the paper does not give it. With `base` it makes 1 at contact.
+        base: w_base^blend; the paper does not give it. 0.5 saves a disturbed policy more often than
+            0.3 does. w_scale^blend is 1 - base, so that the weight is 1 at contact.
         distance_scale: s_1 (Table II) [m].
         deviation_scale: s_2 [m]: Table II's 20 px at 1 px for 1 cm.
         deviation_gain: k_tanh (Table II).
-        smoothing: Share of the new weight in its exponential moving average; 1 switches the
-            average off. The paper does not give it.
         smooth_critical: Whether the average also delays the critical weight, as the paper's words
             can be read. By default the critical weight holds at once.
 
     Raises:
-        ValueError: A value that cannot be meant.
+        ValueError: If a field is out of range.
     """
 
     critical_clearance: float = 1.5
     base: float = 0.5
-    slope: float = 0.5
     distance_scale: float = 2.0
     deviation_scale: float = 0.2
     deviation_gain: float = 0.3
-    smoothing: float = 0.5
     smooth_critical: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("distance_scale", "deviation_scale"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"`{name}` must be finite and positive. Got {value}.")
-        for name in ("critical_clearance", "slope", "deviation_gain"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value >= 0):
-                raise ValueError(f"`{name}` must be finite and not negative. Got {value}.")
-        if not 0.0 <= self.base <= 1.0:
-            raise ValueError(f"`base` must be in [0, 1]. Got {self.base}.")
-        if not 0.0 < self.smoothing <= 1.0:
-            raise ValueError(f"`smoothing` must be in (0, 1]. Got {self.smoothing}.")
+        check_positive(ValueError, distance_scale=self.distance_scale)
+        check_positive(ValueError, deviation_scale=self.deviation_scale)
+        check_within(ValueError, 0.0, math.inf, critical_clearance=self.critical_clearance)
+        check_within(ValueError, 0.0, math.inf, deviation_gain=self.deviation_gain)
+        check_within(ValueError, 0.0, 1.0, base=self.base)
 
 
 class ActionBlend:
@@ -89,45 +84,33 @@ class ActionBlend:
         return near + config.deviation_gain * astray
 
     def instantaneous(self, clearance: float, lane_deviation: float) -> float:
-        """Eq. blend_critical, limited to [0, 1]. What is not a number counts as the worst."""
+        """Eq. blend_critical, limited to [0, 1]; NaN counts as the worst case."""
         clearance = 0.0 if math.isnan(clearance) else clearance
         lane_deviation = math.inf if math.isnan(lane_deviation) else lane_deviation
         if clearance < self.config.critical_clearance:
             return 1.0
-        weight = self.config.base + self.config.slope * self.hazard(clearance, lane_deviation)
-        return min(1.0, weight)
+        base = self.config.base
+        return min(1.0, base + (1.0 - base) * self.hazard(clearance, lane_deviation))
 
-    def weight(
-        self,
-        clearance: float,
-        lane_deviation: float,
-        *,
-        triggered: bool = True,
-        stalled: bool = False,
-    ) -> float:
-        """The smoothed w_b of this step.
+    def weight(self, clearance: float, lane_deviation: float, *, stalled: bool = False) -> float:
+        """The smoothed w_b of a step on which the planner is used.
 
         Args:
             clearance: d_min [m]; NaN counts as contact.
             lane_deviation: d_lane [m], of either sign; NaN counts as lost.
-            triggered: False when the planner is not used on this step: the weight is 0 and the
-                average is forgotten.
-            stalled: True where the policy does not get on: the planner drives alone. A share of
-                the policy would stop what it begins, the steering at some angle in between.
+            stalled: Whether the policy stands still: then the planner drives alone, because a
+                share of the policy holds the wheels at an angle in between.
 
         Returns:
             Share of the planner's action, in [0, 1].
         """
-        if not triggered:
-            self.reset()
-            return 0.0
         weight = 1.0 if stalled else self.instantaneous(clearance, lane_deviation)
         critical = clearance < self.config.critical_clearance or math.isnan(clearance)
         at_once = stalled or (critical and not self.config.smooth_critical)
         if self._average is None or at_once:
             self._average = weight
         else:
-            self._average += self.config.smoothing * (weight - self._average)
+            self._average += SMOOTHING * (weight - self._average)
         return self._average
 
     @staticmethod

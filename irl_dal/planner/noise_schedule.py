@@ -9,7 +9,6 @@
 References:
     Ho et al., Denoising Diffusion Probabilistic Models, 2020.
     Nichol and Dhariwal, Improved Denoising Diffusion Probabilistic Models, 2021 (cosine).
-    Lin et al., Common Diffusion Noise Schedules and Sample Steps Are Flawed, 2023 (rescaling).
 """
 
 from __future__ import annotations
@@ -22,7 +21,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 
-ScheduleKind = Literal["cosine", "rescaled_linear", "printed"]
+ScheduleKind = Literal["cosine", "printed"]
 
 FIRST_BETA, LAST_BETA = 1e-4, 0.02
 """The paper's linear schedule."""
@@ -31,6 +30,7 @@ COSINE_OFFSET = 0.008
 """Keeps beta_1 from vanishing (Nichol and Dhariwal)."""
 
 LARGEST_BETA = 0.999
+"""Keeps alpha-bar_T above zero (Nichol and Dhariwal)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,9 +50,8 @@ class NoiseSchedule:
         """Build a schedule.
 
         Args:
-            kind: `cosine`; `rescaled_linear`, the paper's betas rescaled so that nothing is left of
-                the signal at T; or `printed`, the paper's betas, which leave 36 % of its variance
-                after 100 steps.
+            kind: `cosine`, or `printed`: the paper's betas, which leave 36 % of the signal's
+                variance after 100 steps.
             steps: T.
 
         Raises:
@@ -62,12 +61,9 @@ class NoiseSchedule:
             raise ValueError(f"`schedule` must be one of {get_args(ScheduleKind)}. Got {kind!r}.")
         if steps < 2:
             raise ValueError(f"`diffusion_steps` must be at least 2. Got {steps}.")
-        if kind == "cosine":
-            kept = _cosine(steps)
-        else:
-            linear = np.asarray(np.cumprod(1.0 - np.linspace(FIRST_BETA, LAST_BETA, steps)))
-            kept = _rescaled(linear) if kind == "rescaled_linear" else linear
-        alpha_bar = np.concatenate([[1.0], kept])
+        linear = np.linspace(FIRST_BETA, LAST_BETA, steps)
+        beta = _cosine(steps) if kind == "cosine" else linear
+        alpha_bar = np.concatenate([[1.0], np.cumprod(1.0 - beta)])
         alpha_bar.setflags(write=False)
         return cls(kind, alpha_bar)
 
@@ -91,15 +87,7 @@ class NoiseSchedule:
 
 
 def _cosine(steps: int) -> Array:
-    """Squared-cosine alpha-bar with the betas capped."""
+    """Betas beta_1 ... beta_T of a squared-cosine alpha-bar, capped."""
     time = np.arange(steps + 1) / steps
-    wanted = np.cos((time + COSINE_OFFSET) / (1.0 + COSINE_OFFSET) * np.pi / 2.0) ** 2
-    beta = np.minimum(1.0 - wanted[1:] / wanted[:-1], LARGEST_BETA)
-    return np.asarray(np.cumprod(1.0 - beta))
-
-
-def _rescaled(kept: Array) -> Array:
-    """Shift and scale sqrt(alpha-bar) so that it keeps its first value and ends at zero."""
-    root = np.sqrt(kept)
-    rescaled: Array = (root - root[-1]) * (root[0] / (root[0] - root[-1]))
-    return rescaled**2
+    target = np.cos((time + COSINE_OFFSET) / (1.0 + COSINE_OFFSET) * np.pi / 2.0) ** 2
+    return np.minimum(1.0 - target[1:] / target[:-1], LARGEST_BETA)

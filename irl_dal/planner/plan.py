@@ -17,7 +17,7 @@ class Plan:
     """A horizon of commands with how it came about. Arrays are read-only.
 
     Attributes:
-        actions: Commands (H, 2) [rad, m/s]; only the first is meant to be executed. In mode `none`
+        actions: Commands (H, 2) [rad, m/s]; only the first is executed. In mode `none`
             they are the sample as it is, admissible or not.
         nominal: The last clean estimate before its projection (H, 2) [rad, m/s]; equal to
             `actions` in mode `none` and for a fallback.
@@ -29,8 +29,6 @@ class Plan:
         energy_unguided: Of the network's last estimate before its last guidance step; NaN without
             guidance and for a fallback.
         candidates: All candidates as (N, H, 2) [rad, m/s].
-        projections: How often something was projected.
-        solve_time: Wall time spent in the last projection [s].
         latency: Wall time of the whole call [s].
     """
 
@@ -42,8 +40,6 @@ class Plan:
     energy_nominal: float
     energy_unguided: float
     candidates: Array
-    projections: int
-    solve_time: float
     latency: float
 
     def __post_init__(self) -> None:
@@ -57,5 +53,5 @@ class Plan:
 
     @property
     def is_fallback(self) -> bool:
-        """Whether this is not, or not fully, what the sampling asked for."""
+        """Whether there was no usable sample, or no plan that keeps every bound."""
         return self.status is Status.FALLBACK

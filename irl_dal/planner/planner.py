@@ -20,17 +20,17 @@ from irl_dal.planner.context import BEAMS, CONTEXT_SIZE, PlanningContext
 from irl_dal.planner.denoiser import ACTION_SIZE, ConditionalUnet1d
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
-from irl_dal.planner.guidance import Guidance
+from irl_dal.planner.guidance import Guidance, GuidedPlans
 from irl_dal.planner.noise_schedule import NoiseSchedule
 from irl_dal.planner.plan import Plan
-from irl_dal.planner.projection import PlanProjection
+from irl_dal.planner.projection import PlanProjection, ProjectedPlans
 from irl_dal.planner.sampler import Refinement
 from shield import ActuatorLimits, ClearanceEstimate, HorizonProjector, LaneEstimate, Status
 from shield.projection.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
 
-PATIENCE = 10.0
+SIMULATED_TIME_DEADLINE = 10.0
 """Longest time for a projection without a deadline [s]: a busy machine must not change a result."""
 
 
@@ -61,17 +61,16 @@ class DiffusionPlanner:
         self.limits = limits
         self.generator = generator
         self.denoiser = _make_denoiser(config, generator)
-        self._weights = tuple(self.denoiser.parameters())
         self.blend = ActionBlend(config.blend)
         self.counts: Counter[str] = Counter()
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
         self._sampler = config.make_sampler()
-        patience = PATIENCE if config.deadline is None else 0.5 * config.deadline
-        self._projector = HorizonProjector(limits, config.horizon, deadline=patience)
-        self._step_projector = HorizonProjector(limits, 1, deadline=patience)
+        allowed = SIMULATED_TIME_DEADLINE if config.deadline is None else 0.5 * config.deadline
+        self._projector = HorizonProjector(limits, config.horizon, deadline=allowed)
+        self._step_projector = HorizonProjector(limits, 1, deadline=allowed)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
-        self._snapshot: tuple[tuple[tuple[int, int], ...], FastDenoiser] | None = None
+        self._network: FastDenoiser | None = None
         if config.deadline is not None:
             _compile(config, limits)
 
@@ -152,21 +151,20 @@ class DiffusionPlanner:
         with np.errstate(all="ignore"):
             return self._plan(context, watchers, time.perf_counter())
 
-    def admit(self, command: Array, previous: Array) -> Array:
-        """What a command comes to within the bounds of one step, for a mode that keeps them.
+    def project_command(self, command: Array, previous: Array) -> Array:
+        """The nearest command within the bounds of one step, in a mode that ends in a projection.
 
         A blend of an admissible and an inadmissible command is inadmissible, and the further the
-        second is away, the less the first matters: a mode that ends in a projection is blended
-        with what the policy could do in the same step. Without a shield it also projects whatever
-        is executed, the policy's command between two plans, too, from which the next plan has to
-        go on. `none` leaves commands as they are.
+        second is away, the less the first matters: such a mode blends the plan with what the policy
+        could do in the same step. Without a shield everything executed is projected, so that the
+        next plan starts from an admissible command. Mode `none` leaves commands as they are.
 
         Args:
             command: Command (2,) [rad, m/s].
             previous: Last executed command (2,) [rad, m/s].
 
         Returns:
-            The admitted command (2,) [rad, m/s].
+            The projected command (2,) [rad, m/s].
         """
         if self.config.projection == "none":
             return command
@@ -178,19 +176,19 @@ class DiffusionPlanner:
         if not context.finite:
             return self._fall_back(context, "context", "the context is not finite", begin)
         energy = TotalEnergy(context, self.config.energy, self.limits, self.config.horizon)
-        guidance = Guidance(energy, self.config.guidance, len(self._sampler.transitions) - 1)
-        projection = self._projection(context)
-        stages: tuple[Refinement, ...] = (projection, *watchers)
-        if self.config.guidance.scale > 0.0:
-            stages = (guidance, *stages)
-        sample = self._sample(context, stages, begin)
-        if sample is None:
+        guidance = Guidance(energy, self.config.guidance)
+        projection = PlanProjection(self.config.projection, self._projector, context.previous)
+        estimate = self._sample(context, (guidance, projection, *watchers), begin)
+        if estimate is None:
             late = f"no plan within {self.config.deadline} s"
             return self._fall_back(context, "deadline", late, begin)
-        assert projection.nominal is not None
-        if not (np.isfinite(sample).all() and np.isfinite(projection.nominal).all()):
+        guided = guidance.finish(estimate)
+        projected = projection.finish(guided.actions)
+        for watcher in watchers:
+            watcher.clean(projected.actions, len(self._sampler.transitions) - 1)
+        if not (np.isfinite(projected.actions).all() and np.isfinite(projected.nominal).all()):
             return self._fall_back(context, "sample", "the sample is not finite", begin)
-        return self._select(sample, energy, guidance, projection, begin)
+        return self._select(energy, guided, projected, begin)
 
     def _check_reference(self, context: PlanningContext) -> None:
         """Refuse a reference that does not fit the plan."""
@@ -199,16 +197,6 @@ class DiffusionPlanner:
             raise ValueError(
                 f"`expert_reference` must have shape ({horizon}, 2). Got {reference.shape}."
             )
-
-    def _projection(self, context: PlanningContext) -> PlanProjection:
-        """The projection of one sampling."""
-        return PlanProjection(
-            self.config.projection,
-            self._projector,
-            context.previous,
-            len(self._sampler.transitions),
-            self.config.defect_threshold,
-        )
 
     def _sample(
         self, context: PlanningContext, stages: tuple[Refinement, ...], begin: float
@@ -227,29 +215,18 @@ class DiffusionPlanner:
         )
 
     def _select(
-        self,
-        sample: Array,
-        energy: TotalEnergy,
-        guidance: Guidance,
-        projection: PlanProjection,
-        begin: float,
+        self, energy: TotalEnergy, guided: GuidedPlans, projected: ProjectedPlans, begin: float
     ) -> Plan:
         """The candidate of least energy as a plan."""
-        assert projection.nominal is not None
-        energies = energy.value(sample)
+        energies = energy.value(projected.actions)
         best = int(np.argmin(energies))
-        nominal = projection.nominal[best].copy()
-        if projection.projections:
-            chosen = projection.projections[best]
-            actions, status, reason = chosen.actions.copy(), chosen.status, chosen.reason
+        nominal = projected.nominal[best].copy()
+        status, reason = Status.NOMINAL, ""
+        if projected.projections:
+            status, reason = projected.projections[best].status, projected.projections[best].reason
             self.counts["fallback_projection"] += int(status is Status.FALLBACK)
-            candidates = np.stack([one.actions for one in projection.projections])
-            solve_time = sum(one.solve_time for one in projection.projections)
-        else:
-            actions, status, reason, solve_time = nominal.copy(), Status.NOMINAL, "", 0.0
-            candidates = projection.nominal.copy()
+        actions = projected.commands[best].copy()
         self._remember(actions)
-        before = guidance.energy_before
         return Plan(
             actions=actions,
             nominal=nominal,
@@ -257,10 +234,8 @@ class DiffusionPlanner:
             reason=reason,
             energy=float(energies[best]),
             energy_nominal=float(energy.value(self.limits.to_action(nominal)[None])[0]),
-            energy_unguided=float("nan") if before is None else float(before[best]),
-            candidates=candidates,
-            projections=projection.calls,
-            solve_time=solve_time,
+            energy_unguided=float(guided.energy_before[best]),
+            candidates=projected.commands.copy(),
             latency=time.perf_counter() - begin,
         )
 
@@ -289,8 +264,6 @@ class DiffusionPlanner:
             energy_nominal=nan,
             energy_unguided=nan,
             candidates=actions[None].copy(),
-            projections=0,
-            solve_time=0.0,
             latency=time.perf_counter() - begin,
         )
 
@@ -303,15 +276,14 @@ class DiffusionPlanner:
         """Whether the last executed command is, to one rate step, the last plan's first."""
         if self._last_first is None:
             return False
-        return bool(np.all(np.abs(previous - self._last_first) <= self.limits.fall))
+        step = previous - self._last_first
+        return bool(np.all((step >= -self.limits.fall) & (step <= self.limits.rise)))
 
     def _fast_denoiser(self) -> FastDenoiser:
         """The network for inference, renewed when a weight has changed."""
-        stamp = tuple((p.data_ptr(), p._version) for p in self._weights)
-        if self._snapshot is None or self._snapshot[0] != stamp:
-            network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
-            self._snapshot = (stamp, network)
-        return self._snapshot[1]
+        if self._network is None or not self._network.is_current():
+            self._network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
+        return self._network
 
 
 def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:
@@ -333,4 +305,4 @@ def _make_denoiser(config: PlannerConfig, generator: torch.Generator) -> Conditi
         torch.manual_seed(
             int(torch.randint(2**31, (1,), generator=generator, device=generator.device).item())
         )
-        return ConditionalUnet1d(config.denoiser)
+        return ConditionalUnet1d(config.width)

@@ -19,6 +19,7 @@ References:
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
@@ -34,8 +35,28 @@ ProjectionMode = Literal["none", "final", "x0", "xt", "adaptive"]
 
 PROJECTION_MODES: tuple[str, ...] = get_args(ProjectionMode)
 
+LARGE_DEFECT = 0.5
+"""Defect from which `adaptive` projects: half of a bound beyond it."""
+
 FEWEST_BATCHED = 10
 """Fewer horizons are projected faster one after the other (measured in plans of 2 to 32)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProjectedPlans:
+    """What the projection makes of the last estimate.
+
+    Attributes:
+        nominal: The estimate before its projection (B, H, 2) [rad, m/s].
+        commands: After it (B, H, 2) [rad, m/s]; equal to `nominal` in mode `none`.
+        actions: The same, normalised.
+        projections: One per plan; empty in mode `none`.
+    """
+
+    nominal: Array
+    commands: Array
+    actions: Array
+    projections: tuple[Projection, ...]
 
 
 class PlanProjection(Refinement):
@@ -45,48 +66,27 @@ class PlanProjection(Refinement):
         mode: Where to project.
         projector: Onto which commands.
         previous: Last executed command (2,) [rad, m/s].
-        steps: Reverse steps of the sampler.
-        threshold: Smallest defect that `adaptive` projects.
-
-    Attributes:
-        nominal: Last clean estimate before its projection (B, H, 2) [rad, m/s]; None at first.
-        projections: Projections of the last estimate, one per candidate; empty in mode `none`.
-        calls: How many estimates and iterates were projected.
     """
 
-    def __init__(
-        self,
-        mode: ProjectionMode,
-        projector: HorizonProjector,
-        previous: Array,
-        steps: int,
-        threshold: float = 0.5,
-    ) -> None:
+    def __init__(self, mode: ProjectionMode, projector: HorizonProjector, previous: Array) -> None:
         self._mode = mode
         self._projector = projector
         self._previous = previous
-        self._last = steps - 1
-        self._threshold = threshold
-        self._scale = ActionScale.of(projector.limits)
-        self.nominal: Array | None = None
-        self.projections: tuple[Projection, ...] = ()
-        self.calls = 0
+        self._scale = ActionScale(projector.limits)
 
     def clean(self, clean: Array, index: int) -> Array:
         """The estimate (B, H, 2), projected where the mode says so."""
-        last = index == self._last
-        if not last and self._mode not in ("x0", "adaptive"):
+        if self._mode not in ("x0", "adaptive"):
             return clean
         commands = self._scale.to_command(clean)
-        if last:
-            self.nominal = commands
-            if self._mode == "none":
-                return clean
-        elif self._mode == "adaptive":
-            large = defect(commands, self._previous, self._projector.limits) > self._threshold
-            return self._project_some(clean, commands, large)
-        self.projections = self._project(commands)
-        return self._actions(self.projections)
+        if self._mode == "x0":
+            return self._actions(self._project(commands))
+        large = defect(commands, self._previous, self._projector.limits) > LARGE_DEFECT
+        if not large.any():
+            return clean
+        refined = clean.copy()
+        refined[large] = self._actions(self._project(commands[large]))
+        return refined
 
     def noisy(self, noisy: Array, index: int) -> Array:
         """The iterate (B, H, 2), projected in mode `xt`."""
@@ -94,20 +94,20 @@ class PlanProjection(Refinement):
             return noisy
         return self._actions(self._project(self._scale.to_command(noisy)))
 
+    def finish(self, clean: Array) -> ProjectedPlans:
+        """The last estimate (B, H, 2), projected in every mode but `none`."""
+        nominal = self._scale.to_command(clean)
+        if self._mode == "none":
+            return ProjectedPlans(nominal, nominal, clean, ())
+        projections = self._project(nominal)
+        commands = np.stack([projection.actions for projection in projections])
+        return ProjectedPlans(nominal, commands, self._scale.to_action(commands), projections)
+
     def _project(self, commands: Array) -> tuple[Projection, ...]:
         """Project (B, H, 2)."""
-        self.calls += len(commands)
         if len(commands) < FEWEST_BATCHED:
-            return tuple(self._projector.project(one, self._previous) for one in commands)
+            return tuple(self._projector.project(plan, self._previous) for plan in commands)
         return tuple(self._projector.project_batch(commands, self._previous))
-
-    def _project_some(self, clean: Array, commands: Array, chosen: NDArray[np.bool_]) -> Array:
-        """Project the chosen candidates only."""
-        if not chosen.any():
-            return clean
-        refined = clean.copy()
-        refined[chosen] = self._actions(self._project(commands[chosen]))
-        return refined
 
     def _actions(self, projections: tuple[Projection, ...]) -> Array:
         """Normalised actions (B, H, 2) of projections."""

@@ -8,7 +8,7 @@ Every reverse step has the form x_{k'} = a * clean + b * x_k + sigma * z, so a s
 | `noisy`  | x_k, in normalised actions                                  |
 | `clean`  | A-hat^0_k, the estimate of x_0; A-tilde^0_k once refined     |
 | `a`, `b` | Eq. (7) of Ho et al.; Eq. (12) of Song et al.               |
-| `sigma`  | square root of the posterior variance (DDPM); eta-scaled (DDIM) |
+| `sigma`  | square root of the posterior variance (DDPM); 0 (DDIM)       |
 """
 
 from __future__ import annotations
@@ -78,41 +78,36 @@ def ddpm_transitions(schedule: NoiseSchedule) -> Transitions:
     )
 
 
-def ddim_transitions(schedule: NoiseSchedule, steps: int, eta: float = 0.0) -> Transitions:
-    """S evenly spaced steps from T to 0 (Song et al., Eq. 12).
+def ddim_transitions(schedule: NoiseSchedule, steps: int) -> Transitions:
+    """S evenly spaced deterministic steps from T to 0 (Song et al., Eq. 12 with sigma = 0).
 
     The spacing starts at T itself, because only there the iterate is noise alone.
 
     Args:
         schedule: Noise schedule.
         steps: S, at most T.
-        eta: 0 is deterministic, 1 is DDPM on the chosen steps.
 
     Raises:
-        ValueError: `steps` outside 1 ... T, or `eta` outside [0, 1].
+        ValueError: `steps` outside 1 ... T.
     """
     if not 1 <= steps <= schedule.steps:
         raise ValueError(f"`sampling_steps` must be in 1 ... {schedule.steps}. Got {steps}.")
-    if not 0.0 <= eta <= 1.0:
-        raise ValueError(f"`eta` must be in [0, 1]. Got {eta}.")
     grid = np.round(np.linspace(schedule.steps, 0, steps + 1)).astype(np.int64)
     k, target = grid[:-1], grid[1:]
     kept, before = schedule.alpha_bar[k], schedule.alpha_bar[target]
-    # sigma^2 = eta^2 (1 - before) / (1 - kept) (1 - kept / before): finite at alpha-bar_T = 0 too.
-    sigma = eta * np.sqrt((1.0 - before) / (1.0 - kept) * (1.0 - kept / before))
-    noisy_factor = np.sqrt(np.maximum(1.0 - before - sigma**2, 0.0) / (1.0 - kept))
+    noisy_factor = np.sqrt((1.0 - before) / (1.0 - kept))
     return Transitions(
         k=k,
         clean_factor=np.sqrt(before) - noisy_factor * np.sqrt(kept),
         noisy_factor=noisy_factor,
-        sigma=sigma,
+        sigma=np.zeros(steps),
         signal=schedule.signal(k),
         noise=schedule.noise(k),
     )
 
 
 class Refinement:
-    """What may change the sample inside the loop. The base changes nothing."""
+    """What may change the sample in all reverse steps but the last. The base changes nothing."""
 
     def clean(self, clean: Array, index: int) -> Array:
         """A better clean estimate (B, H, 2) at reverse step `index`; never written in place."""
@@ -129,19 +124,12 @@ class Sampler:
     Args:
         transitions: Table of reverse steps.
         prediction: What the network predicts.
-        clip: The clean estimate is clipped to [-clip, clip] before it is refined; None for never.
-
-    Raises:
-        ValueError: `epsilon` with a schedule that leaves no signal at T, where it says nothing.
+        clip: The clean estimate is clipped to [-clip, clip]; None for never.
     """
 
     def __init__(
         self, transitions: Transitions, prediction: Prediction = "x0", clip: float | None = None
     ) -> None:
-        if prediction == "epsilon" and transitions.signal[0] == 0.0:
-            raise ValueError(
-                "`prediction` must be 'x0' when the schedule ends in pure noise. Got 'epsilon'."
-            )
         self.transitions = transitions
         self.prediction = prediction
         self.clip = clip
@@ -169,7 +157,8 @@ class Sampler:
         Args:
             predict: The network.
             draws: From `draw`: the first slice is x_T.
-            refinements: Applied in order to the clean estimate and to the iterate of each step.
+            refinements: Applied in order to the clean estimate and to the iterate of each step but
+                the last, whose estimate is the caller's to refine.
             expired: Asked before each step; True gives up.
 
         Returns:
@@ -181,10 +170,10 @@ class Sampler:
             if expired is not None and expired():
                 return None
             clean = self._clean(predict(noisy, index), noisy, index)
-            for refinement in refinements:
-                clean = refinement.clean(clean, index)
             if index + 1 == len(table):
                 break
+            for refinement in refinements:
+                clean = refinement.clean(clean, index)
             noisy *= table.noisy_factor[index]
             noisy += table.clean_factor[index] * clean
             if table.sigma[index] > 0.0:

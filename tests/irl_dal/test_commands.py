@@ -146,7 +146,7 @@ def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: P
     assert report["bc_loss"] is None
     line = call("evaluate", f"run={trained}", *extent, "variant=paper")
     assert "variant = 'paper'" in line
-    line = call("evaluate", f"run={trained}", *extent, "planner.denoiser.width=32")
+    line = call("evaluate", f"run={trained}", *extent, "planner.width=32")
     assert "not fit the configuration" in line
 
 

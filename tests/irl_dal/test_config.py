@@ -83,7 +83,8 @@ def test_only_ours_asks_the_planner_otherwise_than_the_paper(variant: str) -> No
     trigger = theirs.shield.trigger
     assert trigger.stall_time is None and trigger.preview_time is None
     assert theirs.planner.without_lane and not ours.planner.without_lane
-    assert theirs.planner.guidance.last_steps == 1 < ours.planner.guidance.last_steps
+    assert theirs.planner.guidance.max_final_iterations <= 1
+    assert ours.planner.guidance.max_final_iterations > 1
     assert ours.shield.trigger.stall_time is not None
     assert ours.shield.trigger.preview_time is not None
 

@@ -54,7 +54,7 @@ class Energy(ABC):
         self.config = config
         self.limits = limits
         self.horizon = horizon
-        self.scale = ActionScale.of(limits)
+        self.scale = ActionScale(limits)
 
     @property
     def active(self) -> bool:

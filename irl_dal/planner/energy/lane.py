@@ -14,6 +14,10 @@ from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
 from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
 
+PREVIEW = 1.0
+"""The offset is judged where the heading leads within this time [s], so that guidance neither
+swings nor undoes a change of lane."""
+
 
 class LaneEnergy(Energy):
     r"""Mean over the roll-out of :math:`w_{lane} ((e_i - c) / s_{lane})^2`.
@@ -21,7 +25,8 @@ class LaneEnergy(Energy):
     :math:`e_i = d_i + T v_i \sin\psi_i` is the lateral offset that the car would have a preview
     time T after step i if it kept its heading: the error of a driver who looks ahead, which damps
     what the offset alone would make swing. c is the open lane's centre nearest to where the
-    plan's end leads; :math:`w_{lane} = w_{base} (1 + \alpha_{hazard} h_t)`.
+    plan's end leads; :math:`w_{lane} = w_{base} (1 + h_t)`: the paper does not give its
+    :math:`\alpha_{hazard}`, here 1.
     """
 
     name = "lane"
@@ -51,7 +56,7 @@ class LaneEnergy(Energy):
             plans.commands,
             self._start,
             self._centres,
-            self.config.lane_preview,
+            PREVIEW,
             self._weight / self.config.lane_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
@@ -106,5 +111,4 @@ class PrintedLaneEnergy(ConstantEnergy):
 
 def lane_weight(context: PlanningContext, config: EnergyConfig) -> float:
     """The risk-adaptive w_lane."""
-    gain = config.lane_hazard_gain * hazard(context.nearest)
-    return config.lane_weight * (1.0 + gain)
+    return config.lane_weight * (1.0 + hazard(context.nearest))

@@ -61,10 +61,8 @@ class StabilityEnergy(Energy):
 
     def neutral(self) -> Array:
         """The neutral action (2,), normalised."""
-        config, lane = self.config, self.context.lane
-        speed = config.reference_speed
-        if speed is None:
-            speed = max(float(self.context.previous[1]), config.slowest_reference)
+        lane = self.context.lane
+        speed = max(float(self.context.previous[1]), self.config.slowest_reference)
         steering = 0.0
         if self.config.forms == "rollout" and lane.valid:
             steering = math.atan(self.limits.wheelbase * lane.curvature)
@@ -114,7 +112,7 @@ def _steps(actions: Array, previous: Array, first: int, weight: float) -> tuple[
 
 
 @compiled
-def _distance(actions: Array, wanted: Array, weight: float) -> tuple[Array, Array]:
+def _distance(actions: Array, target: Array, weight: float) -> tuple[Array, Array]:
     """`weight` times the mean squared distance from (H or 1, 2), and its derivative (B, H, 2)."""
     batch, horizon, size = actions.shape
     factor = weight / horizon
@@ -122,7 +120,7 @@ def _distance(actions: Array, wanted: Array, weight: float) -> tuple[Array, Arra
     for b in range(batch):
         for i in range(horizon):
             for c in range(size):
-                away = actions[b, i, c] - wanted[min(i, len(wanted) - 1), c]
+                away = actions[b, i, c] - target[min(i, len(target) - 1), c]
                 value[b] += factor * away * away
                 gradient[b, i, c] = 2.0 * factor * away
     return value, gradient

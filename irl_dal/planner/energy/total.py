@@ -46,7 +46,7 @@ class TotalEnergy:
     def __init__(
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
-        self._scale = ActionScale.of(limits)
+        self._scale = ActionScale(limits)
         kinds = ROLLOUT_TERMS if config.forms == "rollout" else PRINTED_TERMS
         terms = (kind(context, config, limits, horizon) for kind in kinds)
         self.terms = tuple(term for term in terms if term.active)

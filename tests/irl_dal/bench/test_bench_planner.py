@@ -53,7 +53,7 @@ def test_our_loop_is_faster_than_the_plain_one() -> None:
 
 def test_shares_are_those_of_the_calls(monkeypatch: pytest.MonkeyPatch) -> None:
     """On a clock that ticks once per look, each timed call takes one; nothing stays patched."""
-    made = planner(sampling_steps=4, guidance=GuidanceConfig(last_steps=1))
+    made = planner(sampling_steps=4, guidance=GuidanceConfig(max_final_iterations=1))
     ticks = itertools.count()
     methods = [(owner, name) for part in PARTS.values() for owner, name in part]
     before = [getattr(owner, name) for owner, name in methods]

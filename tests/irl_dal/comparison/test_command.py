@@ -83,5 +83,5 @@ def test_a_run_without_a_planner_is_refused(call: Call, tmp_path: Path) -> None:
 def test_weights_of_another_network_are_refused(run: Path, call: Call, tmp_path: Path) -> None:
     """The complaint comes before anything is written."""
     out = tmp_path / "results"
-    line = call(f"run={run}", f"out={out}", *SMALL, "planner.denoiser.width=16")
+    line = call(f"run={run}", f"out={out}", *SMALL, "planner.width=16")
     assert "not fit the configuration" in line and not out.exists()

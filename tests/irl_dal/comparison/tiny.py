@@ -14,7 +14,6 @@ from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.store import ComparisonStore
 from irl_dal.config import RunConfig
 from irl_dal.learning import build_policy
-from irl_dal.planner import DenoiserConfig
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.run_folder import create_run
 from shield import TriggerConfig
@@ -37,7 +36,7 @@ def tiny_config() -> RunConfig:
     return replace(
         config,
         env=replace(config.env, route_length=80.0, route_spread=0.0, time_limit=2.0),
-        planner=replace(config.planner, denoiser=DenoiserConfig(width=8), sampling_steps=4),
+        planner=replace(config.planner, width=8, sampling_steps=4),
         shield=replace(config.shield, trigger=TriggerConfig(clearance=30.0)),
     )
 

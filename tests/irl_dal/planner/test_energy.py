@@ -24,6 +24,7 @@ from irl_dal.planner.energy import (
     TotalEnergy,
 )
 from irl_dal.planner.energy.clearance import DISC_CENTRES, DISC_RADIUS, LIDAR_POSITION
+from irl_dal.planner.energy.lane import PREVIEW
 from irl_dal.planner.energy.open_lanes import open_lanes
 from shield import ClearanceEstimate
 from tests.irl_dal.planner.scenes import (
@@ -140,7 +141,7 @@ def torch_lane(scene, config: EnergyConfig, actions: torch.Tensor) -> torch.Tens
         relative = (bend - scene.lane.curvature - scene.lane.curvature_rate * (s + 0.5 * run)) * run
         e = e + run * torch.sin(psi + 0.5 * relative)
         psi, s = psi + relative, s + run
-        places.append(e + config.lane_preview * speed * psi.sin())
+        places.append(e + PREVIEW * speed * psi.sin())
     target = min(open_lanes(scene), key=lambda one: abs(float(places[-1].detach()) - one))
     off = torch.stack(places) - target
     return config.lane_weight * (off / config.lane_scale).square().mean()
@@ -272,11 +273,11 @@ def test_a_plan_leaves_room_to_brake() -> None:
 
 
 def test_hazard_raises_the_adaptive_weights() -> None:
-    """With h_t the lane weight grows by 1 + alpha h and the obstacle weight by 1 + h."""
+    """With h_t the lane weight and the obstacle weight grow by 1 + h."""
     far, near = (
         replace(context(), clearance=ClearanceEstimate(d, 0.0, 0.1, 0.0, True)) for d in (40.0, 0.5)
     )
-    config = EnergyConfig(lane_hazard_gain=2.0)
+    config = EnergyConfig()
     plan = batch(constant(0.0, 6.0))
     ratio = [
         float(
@@ -285,7 +286,7 @@ def test_hazard_raises_the_adaptive_weights() -> None:
         )
         for kind in (LaneEnergy, PrintedLaneEnergy)
     ]
-    expected = 1.0 + 2.0 * (1.0 - math.tanh(0.5 / 3.0))
+    expected = 1.0 + (1.0 - math.tanh(0.5 / 3.0))
     np.testing.assert_allclose(ratio, expected, rtol=1e-6)
 
 
@@ -341,7 +342,7 @@ def test_no_point_that_counts_is_left_out() -> None:
 )
 def test_config_refuses_nonsense(name: str, value: object) -> None:
     """An impossible number or form is refused by name and value."""
-    with pytest.raises(ValueError, match=f"`{name}` must be .* Got {value!r}"):
+    with pytest.raises(ValueError, match=f"`{name}` must .* Got {value!r}"):
         EnergyConfig(**{name: value})  # type: ignore[arg-type]
 
 

@@ -30,53 +30,54 @@ def test_a_small_step_lowers_the_energy() -> None:
         scene = random_context(rng)
         energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
         actions = chunks(rng, scene, 4)
-        guidance = Guidance(energy, GuidanceConfig(scale=1e-4))
-        after = energy.value(guidance.clean(actions, 0))
-        assert guidance.energy_before is not None
-        assert bool(np.all(after < guidance.energy_before))
+        guided = Guidance(energy, GuidanceConfig(scale=1e-4)).clean(actions, 0)
+        assert bool(np.all(energy.value(guided) < energy.value(actions)))
 
 
-@pytest.mark.parametrize("careful", [True, False])
-def test_a_careful_end_never_raises_the_energy(careful: bool) -> None:
+@pytest.mark.parametrize("iterations", [6, 0])
+def test_a_final_line_search_never_raises_the_energy(iterations: int) -> None:
     """A full last step too long for the valley does; a shortened one lowers it or is not taken."""
     rng = np.random.default_rng(4)
     raised = moved = 0
     for _ in range(60):
         scene = random_context(rng)
         energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
-        guidance = Guidance(energy, GuidanceConfig(scale=0.5, careful_end=careful), last=9)
+        guidance = Guidance(energy, GuidanceConfig(scale=0.5, max_final_iterations=iterations))
         actions = chunks(rng, scene, 3)
-        after = guidance.clean(actions, 9)
-        assert guidance.energy_before is not None
-        raised += int((energy.value(after) > guidance.energy_before).sum())
-        moved += int(np.any(after != actions, axis=(1, 2)).sum())
-    assert (raised == 0) == careful
+        guided = guidance.finish(actions)
+        np.testing.assert_array_equal(guided.energy_before, energy.value(actions))
+        raised += int((energy.value(guided.actions) > guided.energy_before).sum())
+        moved += int(np.any(guided.actions != actions, axis=(1, 2)).sum())
+    assert (raised == 0) == (iterations > 0)
     assert moved > 150
 
 
-def test_a_careful_end_goes_on_while_the_energy_falls() -> None:
-    """More steps, less energy, up to the number that is asked for; at the minimum none is taken."""
+def test_a_final_line_search_goes_on_while_the_energy_falls() -> None:
+    """More iterations, less energy, up to the largest number; at the minimum none is taken."""
     scene = context(distance=1.0)
     energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
     actions = chunks(np.random.default_rng(0), scene, 3)
-    found = []
-    for steps in (1, 2, 6, 200):
-        guidance = Guidance(energy, GuidanceConfig(last_steps=steps), last=9)
-        end = guidance.clean(actions, 9)
-        np.testing.assert_array_equal(guidance.energy_before, energy.value(actions))
-        found.append(energy.value(end))
-    assert bool(np.all(np.diff(found, axis=0) < 0))
-    again = Guidance(energy, GuidanceConfig(), last=9).clean(end, 9)
-    assert bool(np.all(energy.value(again) > 0.9 * energy.value(end)))
+    reached = []
+    for iterations in (1, 2, 6, 200):
+        guidance = Guidance(energy, GuidanceConfig(max_final_iterations=iterations))
+        guided = guidance.finish(actions)
+        np.testing.assert_array_equal(guided.energy_before, energy.value(actions))
+        reached.append(energy.value(guided.actions))
+    assert bool(np.all(np.diff(reached, axis=0) < 0))
+    again = Guidance(energy, GuidanceConfig()).finish(guided.actions)
+    assert bool(np.all(energy.value(again.actions) > 0.9 * reached[-1]))
 
 
-def test_only_the_last_step_is_careful() -> None:
-    """Steps before it keep the length of the equation."""
+def test_guidance_that_is_switched_off_changes_nothing() -> None:
+    """With a scale of zero both the estimates and the last one stay, and no energy is reported."""
     scene = context(distance=1.0)
     energy = TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
-    actions = chunks(np.random.default_rng(0), scene, 4)
-    moved = Guidance(energy, GuidanceConfig(epsilon=1e-6), last=9).clean(actions, 8) - actions
-    np.testing.assert_allclose(np.linalg.norm(moved.reshape(4, -1), axis=1), 0.1, rtol=1e-5)
+    actions = chunks(np.random.default_rng(0), scene, 2)
+    guidance = Guidance(energy, GuidanceConfig(scale=0.0))
+    guided = guidance.finish(actions)
+    np.testing.assert_array_equal(guidance.clean(actions, 0), actions)
+    np.testing.assert_array_equal(guided.actions, actions)
+    assert bool(np.isnan(guided.energy_before).all())
 
 
 def test_steps_shrink_with_a_small_gradient() -> None:
@@ -132,9 +133,9 @@ def test_guided_plans_have_lower_energy_than_unguided_ones(projection: str) -> N
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("scale", -0.1), ("epsilon", 0.0), ("scale", math.nan), ("last_steps", 0)],
+    [("scale", -0.1), ("epsilon", 0.0), ("scale", math.nan), ("max_final_iterations", -1)],
 )
 def test_config_refuses_nonsense(name: str, value: float) -> None:
     """An impossible step is refused by name and value."""
-    with pytest.raises(ValueError, match=f"`{name}` must be .* Got {value}"):
+    with pytest.raises(ValueError, match=f"`{name}` must .* Got {value}"):
         GuidanceConfig(**{name: value})

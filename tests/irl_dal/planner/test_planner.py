@@ -16,7 +16,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from irl_dal.planner import (
-    DenoiserConfig,
     DiffusionPlanner,
     PlannerConfig,
     PlanningContext,
@@ -144,7 +143,7 @@ def test_absurd_numbers_never_raise(value: float) -> None:
 NUMBERS = st.one_of(st.floats(), st.floats(-50.0, 50.0))
 """Any float64, half of the time one that could be meant."""
 
-HASTY = planner(denoiser=DenoiserConfig(width=4), sampling_steps=2)
+HASTY = planner(width=4, sampling_steps=2)
 
 
 @settings(max_examples=200, deadline=None)
@@ -179,7 +178,7 @@ def test_no_value_makes_planning_raise(
 
 def test_weights_that_diverged_give_a_fallback() -> None:
     """A network that predicts NaN is answered with the fallback and counted."""
-    made = planner(clip=None)
+    made = planner()
     with torch.no_grad():
         made.denoiser.out.bias.fill_(math.nan)
     plan = made.plan(context())
@@ -204,6 +203,24 @@ def test_a_passed_deadline_gives_the_last_plan_shifted_then_braking() -> None:
     late.reset()
     assert "braking" in late.plan(replace(context(), previous=plan.actions[1])).reason
     assert late.counts == {"plans": 3, "fallback_deadline": 3}
+
+
+def test_a_plan_is_followed_within_one_rate_step_of_its_sign() -> None:
+    """Further above the plan than the car can accelerate in a step, the plan was not followed."""
+    made = planner()
+    plan = made.plan(context())
+    late = DiffusionPlanner(
+        PlannerConfig(deadline=1e-9), LIMITS, generator=torch.Generator().manual_seed(0)
+    )
+    late._fallback, late._last_first = made._fallback, made._last_first
+    rise, fall = LIMITS.rise[1], LIMITS.fall[1]
+    assert rise < fall
+    for change, followed in ((0.9 * rise, True), (0.9 * fall, False), (-0.9 * fall, True)):
+        previous = plan.actions[0] + [0.0, change]
+        late._fallback.remember(plan.actions)
+        late._last_first = plan.actions[0]
+        reason = late.plan(replace(context(), previous=previous)).reason
+        assert ("shifted" in reason) == followed, (change, reason)
 
 
 def test_deadline_is_kept() -> None:
@@ -246,7 +263,7 @@ def test_expert_reference_attracts_the_plan() -> None:
 
 def test_loss_trains_the_network_and_the_next_plan_sees_it() -> None:
     """Gradient steps lower the loss, and planning uses the new weights at once."""
-    made = planner(denoiser=DenoiserConfig(width=16))
+    made = planner(width=16)
     scene = context()
     rng = torch.Generator().manual_seed(0)
     contexts = torch.from_numpy(scene.encode()).expand(64, -1)
@@ -262,8 +279,8 @@ def test_loss_trains_the_network_and_the_next_plan_sees_it() -> None:
         losses.append(loss.item())
     assert np.mean(losses[-5:]) < 0.1 * losses[0]
     after = made.plan(scene).nominal
-    wanted = LIMITS.to_command([0.1, 0.2])
-    assert np.abs(after - wanted).mean() < 0.3 * np.abs(before - wanted).mean()
+    target = LIMITS.to_command([0.1, 0.2])
+    assert np.abs(after - target).mean() < 0.3 * np.abs(before - target).mean()
 
 
 def test_weights_travel() -> None:
@@ -315,10 +332,8 @@ def test_loss_of_a_perfect_network_is_zero(
         ("prediction", "v"),
         ("sampler", "euler"),
         ("sampling_steps", 101),
-        ("eta", -0.1),
-        ("clip", 0.0),
+        ("width", 5),
         ("projection", "always"),
-        ("defect_threshold", -1.0),
         ("candidates", 0),
         ("deadline", 0.0),
     ],

@@ -32,8 +32,7 @@ WHERE = {
 
 def projection(mode: str) -> PlanProjection:
     """One sampling's projection."""
-    projector = HorizonProjector(LIMITS, HORIZON)
-    return PlanProjection(mode, projector, PREVIOUS, STEPS)  # type: ignore[arg-type]
+    return PlanProjection(mode, HorizonProjector(LIMITS, HORIZON), PREVIOUS)  # type: ignore[arg-type]
 
 
 def wild(batch: int = 1) -> Array:
@@ -59,30 +58,31 @@ def test_each_mode_projects_where_it_says(mode: ProjectionMode) -> None:
     cleans, iterates = [], []
     for index in range(STEPS):
         estimate = calm() if mode == "adaptive" and index == 1 else wild()
-        if not np.array_equal(stage.clean(estimate, index), estimate):
+        last = index + 1 == STEPS
+        refined = stage.finish(estimate).actions if last else stage.clean(estimate, index)
+        if not np.array_equal(refined, estimate):
             cleans.append(index)
-        if index + 1 < STEPS and not np.array_equal(stage.noisy(wild(), index), wild()):
+        if not last and not np.array_equal(stage.noisy(wild(), index), wild()):
             iterates.append(index)
     expected_cleans, expected_iterates = WHERE[mode]
     assert cleans == expected_cleans
     assert iterates == expected_iterates
-    assert stage.calls == len(cleans) + len(iterates)
 
 
 @pytest.mark.parametrize("batch", [1, 3, FEWEST_BATCHED])
 @pytest.mark.parametrize("mode", PROJECTION_MODES)
 def test_the_last_estimate_is_admissible_unless_mode_none(mode: str, batch: int) -> None:
     """Every mode but `none` ends in horizons that break nothing; `none` leaves them as they are."""
-    stage = projection(mode)
-    stage.clean(wild(batch), STEPS - 1)
-    assert stage.nominal is not None
-    np.testing.assert_allclose(stage.nominal, LIMITS.to_command(wild(batch)))
-    assert not admissible(stage.nominal[0])
+    last = projection(mode).finish(wild(batch))
+    np.testing.assert_allclose(last.nominal, LIMITS.to_command(wild(batch)))
+    assert not admissible(last.nominal[0])
+    np.testing.assert_allclose(last.actions, LIMITS.to_action(last.commands), atol=1e-12)
     if mode == "none":
-        assert stage.projections == ()
+        assert last.projections == ()
+        np.testing.assert_array_equal(last.commands, last.nominal)
     else:
-        assert len(stage.projections) == batch
-        assert all(admissible(one.actions) for one in stage.projections)
+        assert len(last.projections) == batch
+        assert all(map(admissible, last.commands))
 
 
 def test_defect_is_zero_exactly_on_admissible_horizons() -> None:

@@ -5,7 +5,7 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from irl_dal.planner.noise_schedule import NoiseSchedule, ScheduleKind
+from irl_dal.planner.noise_schedule import NoiseSchedule
 from irl_dal.planner.sampler import (
     Refinement,
     Sampler,
@@ -50,18 +50,14 @@ def tables() -> dict[str, Transitions]:
     return {
         "ddpm": ddpm_transitions(schedule),
         "ddim": ddim_transitions(schedule, 50),
-        "ddim_noisy": ddim_transitions(schedule, 100, eta=1.0),
-        "zero_snr": ddpm_transitions(NoiseSchedule.make("rescaled_linear", 100)),
     }
 
 
 @pytest.mark.parametrize("prediction", ["x0", "epsilon"])
-@pytest.mark.parametrize("name", ["ddpm", "ddim", "ddim_noisy", "zero_snr"])
+@pytest.mark.parametrize("name", ["ddpm", "ddim"])
 def test_samples_have_the_data_s_mean_and_variance(name: str, prediction: str) -> None:
     """With the exact denoiser, unguided samples have the mean and spread of the data."""
     table = tables()[name]
-    if prediction == "epsilon" and name == "zero_snr":
-        pytest.skip("noise prediction says nothing at zero signal")
     sampler = Sampler(table, prediction)  # type: ignore[arg-type]
     samples = sampler.sample(
         GaussianDenoiser(table, prediction), sampler.draw(generator(), 1000, 8)
@@ -80,7 +76,7 @@ def test_printed_schedule_misses_the_data() -> None:
     assert abs(samples.mean() - MEAN) > 0.03
 
 
-@pytest.mark.parametrize("name", ["ddpm", "ddim", "ddim_noisy"])
+@pytest.mark.parametrize("name", ["ddpm", "ddim"])
 def test_spread_follows_the_exact_recursion(name: str) -> None:
     """The sampler's variance equals that of the linear recursion it must be on Gaussian data."""
     table = tables()[name]
@@ -93,15 +89,6 @@ def test_spread_follows_the_exact_recursion(name: str) -> None:
     samples = sampler.sample(denoiser, sampler.draw(generator(1), 4000, 8))
     assert samples is not None
     assert samples.var() == pytest.approx(variance, rel=0.02)
-
-
-@pytest.mark.parametrize("kind", ["cosine", "rescaled_linear", "printed"])
-def test_ddpm_is_ddim_with_full_noise(kind: ScheduleKind) -> None:
-    """Over all T steps, eta = 1 gives the ancestral coefficients: two formulas, one table."""
-    schedule = NoiseSchedule.make(kind, 100)
-    ddpm, ddim = ddpm_transitions(schedule), ddim_transitions(schedule, 100, eta=1.0)
-    for name in ("k", "clean_factor", "noisy_factor", "sigma"):
-        np.testing.assert_allclose(getattr(ddpm, name), getattr(ddim, name), atol=1e-9)
 
 
 def test_posterior_against_bayes() -> None:
@@ -141,7 +128,7 @@ def test_same_seed_same_sample(name: str) -> None:
 
 
 def test_refinements_and_deadline() -> None:
-    """Refinements see every step in order, the iterate all but the last; a deadline gives up."""
+    """Refinements see every step but the last, in order; a deadline gives up."""
 
     class Spy(Refinement):
         seen: list[tuple[str, int]] = []
@@ -154,26 +141,22 @@ def test_refinements_and_deadline() -> None:
             self.seen.append(("noisy", index))
             return noisy
 
-    table = ddim_transitions(NoiseSchedule.make("cosine", 100), 2)
+    table = ddim_transitions(NoiseSchedule.make("cosine", 100), 3)
     sampler = Sampler(table, clip=0.25)
     draws = sampler.draw(generator(), 1, 8)
     result = sampler.sample(GaussianDenoiser(table), draws, [Spy()])
-    assert Spy.seen == [("clean", 0), ("noisy", 0), ("clean", 1)]
+    assert Spy.seen == [("clean", 0), ("noisy", 0), ("clean", 1), ("noisy", 1)]
     assert result is not None
-    assert 0.75 <= float(result.min()) <= float(result.max()) <= 1.25
+    assert -0.25 <= float(result.min()) <= float(result.max()) <= 0.25
     answers = iter([False, True])
     assert sampler.sample(GaussianDenoiser(table), draws, (), lambda: next(answers)) is None
 
 
 def test_nonsense_is_refused() -> None:
-    """Too many steps, an eta outside [0, 1] and noise prediction without signal are refused."""
-    schedule = NoiseSchedule.make("rescaled_linear", 10)
+    """More reverse steps than diffusion steps are refused."""
+    schedule = NoiseSchedule.make("cosine", 10)
     with pytest.raises(ValueError, match="`sampling_steps` must be in 1 ... 10. Got 11"):
         ddim_transitions(schedule, 11)
-    with pytest.raises(ValueError, match="`eta` must be in .* Got 1.5"):
-        ddim_transitions(schedule, 5, eta=1.5)
-    with pytest.raises(ValueError, match="`prediction` must be 'x0'"):
-        Sampler(ddpm_transitions(schedule), "epsilon")
 
 
 @pytest.mark.parametrize("prediction", ["sample", "epsilon"])
