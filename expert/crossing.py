@@ -102,7 +102,7 @@ class CrossingWatch:
         self._tracker = ClusterTracker(
             dt,
             LIDAR_FORWARD,
-            width=config.width,
+            max_width=config.width,
             separation=config.separation,
             memory=config.memory,
         )

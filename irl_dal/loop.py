@@ -249,7 +249,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         scan = observation["lidar"].astype(np.float64)
         speed = float(observation["speed"][0])
         yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
-        self._distance = self._clearance.update(scan)
+        self._distance = self._clearance.update(scan, speed)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
         if self._barrier is not None and self.supervision.safety_filter is not None:
             self._barrier.update(scan, speed, yaw_rate)

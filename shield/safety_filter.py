@@ -116,6 +116,8 @@ class SafetyFilter:
         begin = time.perf_counter()
         wanted = as_array("nominal", nominal, (2,)).copy()
         horizon = None if plan is None else as_horizon("plan", plan)
+        if not isinstance(bounds, CommandBounds):
+            raise InvalidProblem(f"`bounds` must be CommandBounds. Got {bounds!r}.")
         if np.isfinite(wanted).all():
             projection = self._project(wanted, bounds)
         else:

@@ -1,9 +1,9 @@
-"""Small things that a scan sees, followed from scan to scan.
+"""Narrow clusters of a scan, tracked from scan to scan.
 
-A cluster is a run of neighbouring beams whose points lie close together. Narrow ones (people,
-poles, barrels) keep their shape from all sides, so the mean of their points is a place that can be
-followed. Places are kept in an odometry frame, in which what stands still stands still; the
-velocity is the slope of the line fitted to them over time.
+A cluster is a run of neighbouring beams whose points lie close together. Narrow clusters
+(pedestrians, poles, barrels) look alike from all sides, so the mean of their points is a position
+that can be tracked. Positions are kept in an odometry frame, in which standing objects rest; the
+velocity is the slope of a line fitted to them over time.
 """
 
 import math
@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import check_positive
+from shield.arguments import as_array, check_positive, is_number
 from shield.errors import InvalidProblem
 
 __all__ = ["ClusterTracker", "Track"]
@@ -26,12 +26,12 @@ class Track:
     """A narrow cluster of the newest scan.
 
     Attributes:
-        number: The same for the same thing, as long as it is followed.
+        number: Identifies the object as long as it is tracked.
         position: Mean of its points (2,), in the frame of the points [m].
         velocity: Over the ground (2,), along the axes of that frame [m/s]; 0 after one sighting.
-        sightings: Places that the velocity comes from.
-        first: Its first point, as a row of the points.
-        last: Its last point.
+        sightings: Positions that the velocity comes from.
+        first: Row of its first point.
+        last: Row of its last point.
     """
 
     number: int
@@ -43,47 +43,47 @@ class Track:
 
 
 @dataclass(slots=True)
-class _Follow:
-    """The places of a cluster in the odometry frame, and how many scans missed it since."""
+class _History:
+    """Positions of a cluster in the odometry frame, and how many scans missed it since."""
 
     number: int
-    places: deque[tuple[float, float]]
+    positions: deque[tuple[float, float]]
     missed: int = 0
 
 
 @dataclass(slots=True)
 class ClusterTracker:
-    """Follows narrow clusters.
+    """Tracks narrow clusters.
 
     Attributes:
         dt: Time between two scans [s].
-        forward: From the rear axle to the origin of the points [m].
-        width: Clusters at least so wide are not followed [m].
+        mount: From the rear axle to the origin of the points [m].
+        max_width: Clusters at least so wide are not tracked [m].
         separation: Distance between neighbouring points that ends a cluster [m].
         reach: How far a cluster may move between two scans [m].
-        memory: Places kept of each.
-        patience: Scans in a row that may miss a cluster.
+        memory: Positions kept of each.
+        max_missed_scans: Scans in a row that may miss a cluster before its track ends.
 
     Raises:
         InvalidProblem: A length or time is not positive.
     """
 
     dt: float
-    forward: float
-    width: float = 1.0
+    mount: float
+    max_width: float = 1.0
     separation: float = 0.8
     reach: float = 0.9
     memory: int = 10
-    patience: int = 3
+    max_missed_scans: int = 3
     _pose: Array = field(init=False)
-    _follows: list[_Follow] = field(init=False)
-    _count: int = field(init=False, default=0)
+    _histories: list[_History] = field(init=False)
+    _count: int = field(init=False)
 
     def __post_init__(self) -> None:
         check_positive(
             InvalidProblem,
             dt=self.dt,
-            width=self.width,
+            max_width=self.max_width,
             separation=self.separation,
             reach=self.reach,
             memory=self.memory,
@@ -91,9 +91,10 @@ class ClusterTracker:
         self.reset()
 
     def reset(self) -> None:
-        """Forget everything."""
+        """Forget everything; numbers begin at 0 again."""
         self._pose = np.zeros(3)
-        self._follows = []
+        self._histories = []
+        self._count = 0
 
     def update(self, points: Array, speed: float, yaw_rate: float) -> list[Track]:
         """Take a scan.
@@ -105,20 +106,31 @@ class ClusterTracker:
 
         Returns:
             The narrow clusters of this scan.
+
+        Raises:
+            InvalidProblem: `points` is not of numbers or not (n, 2); `speed` or `yaw_rate` is not a
+                number.
         """
+        points = as_array("points", points)
+        if points.ndim != 2 or points.shape[1] != 2:
+            raise InvalidProblem(f"`points` must have shape (n, 2). Got {points.shape}.")
+        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
+            if not is_number(value):
+                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
         self._move(speed, yaw_rate)
-        for follow in self._follows:
-            follow.missed += 1
+        for history in self._histories:
+            history.missed += 1
         tracks = [self._track(points, low, high) for low, high in self._clusters(points)]
-        self._follows = [follow for follow in self._follows if follow.missed <= self.patience]
+        limit = self.max_missed_scans
+        self._histories = [history for history in self._histories if history.missed <= limit]
         return tracks
 
     def _move(self, speed: float, yaw_rate: float) -> None:
         x, y, yaw = self._pose
         middle = yaw + 0.5 * yaw_rate * self.dt
-        way = speed * self.dt
+        driven = speed * self.dt
         self._pose = np.array(
-            [x + way * math.cos(middle), y + way * math.sin(middle), yaw + yaw_rate * self.dt]
+            [x + driven * math.cos(middle), y + driven * math.sin(middle), yaw + yaw_rate * self.dt]
         )
 
     def _clusters(self, points: Array) -> list[tuple[int, int]]:
@@ -128,43 +140,44 @@ class ClusterTracker:
         jumps = np.hypot(*np.diff(points, axis=0).T) > self.separation
         bounds = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(points)]])
         low, high = bounds[:-1], bounds[1:]
-        narrow = np.hypot(*(points[high - 1] - points[low]).T) < self.width
+        narrow = np.hypot(*(points[high - 1] - points[low]).T) < self.max_width
         return list(zip(low[narrow].tolist(), high[narrow].tolist(), strict=True))
 
     def _track(self, points: Array, low: int, high: int) -> Track:
-        """Match a cluster with what was followed, or begin to follow it."""
+        """Match a cluster with a track, or begin a new one."""
         position = points[low:high].mean(axis=0)
         x, y, yaw = self._pose.tolist()
         cos, sin = math.cos(yaw), math.sin(yaw)
-        ahead, left = float(position[0]) + self.forward, float(position[1])
-        place = (x + cos * ahead - sin * left, y + sin * ahead + cos * left)
-        follow = self._match(place)
-        follow.places.append(place)
-        follow.missed = 0
-        east, north = self._slope(follow.places)
+        ahead, left = float(position[0]) + self.mount, float(position[1])
+        fixed = (x + cos * ahead - sin * left, y + sin * ahead + cos * left)
+        history = self._match(fixed)
+        history.positions.append(fixed)
+        history.missed = 0
+        east, north = self._slope(history.positions)
         velocity = np.array([cos * east + sin * north, cos * north - sin * east])
-        return Track(follow.number, position, velocity, len(follow.places), low, high - 1)
+        return Track(history.number, position, velocity, len(history.positions), low, high - 1)
 
-    def _match(self, place: tuple[float, float]) -> _Follow:
+    def _match(self, position: tuple[float, float]) -> _History:
         near = [
-            (distance, follow)
-            for follow in self._follows
-            if follow.missed and (distance := math.dist(follow.places[-1], place)) < self.reach
+            (distance, history)
+            for history in self._histories
+            if history.missed
+            and (distance := math.dist(history.positions[-1], position)) < self.reach
         ]
         if near:
             return min(near, key=lambda pair: pair[0])[1]
-        follow = _Follow(self._count, deque(maxlen=self.memory))
+        history = _History(self._count, deque(maxlen=self.memory))
         self._count += 1
-        self._follows.append(follow)
-        return follow
+        self._histories.append(history)
+        return history
 
-    def _slope(self, places: deque[tuple[float, float]]) -> tuple[float, float]:
+    def _slope(self, positions: deque[tuple[float, float]]) -> tuple[float, float]:
         """Least-squares velocity in the odometry frame [m/s]."""
-        count = len(places)
-        middle = 0.5 * (count - 1)
-        spread = self.dt * sum((index - middle) ** 2 for index in range(count))
+        count = len(positions)
         if count < 2:
             return 0.0, 0.0
-        east = sum((index - middle) * place[0] for index, place in enumerate(places))
-        north = sum((index - middle) * place[1] for index, place in enumerate(places))
+        middle = 0.5 * (count - 1)
+        spread = self.dt * sum((index - middle) ** 2 for index in range(count))
+        east = sum((index - middle) * x for index, (x, _) in enumerate(positions))
+        north = sum((index - middle) * y for index, (_, y) in enumerate(positions))
         return east / spread, north / spread

@@ -1,4 +1,4 @@
-r"""The nearest obstacle in a scan that neighbouring beams agree on.
+r"""A scanner's geometry, and its scans without their defects.
 
 A single short beam is rain, dust or a defect; an obstacle near enough to matter covers several
 neighbouring beams. The supported minimum is
@@ -19,10 +19,12 @@ from shield.arguments import as_array, check_positive, is_number
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.vehicle import VehicleGeometry
 
-__all__ = ["DEFAULT_SCANNER", "ScanFilter", "ScannerGeometry"]
+__all__ = ["DEFAULT_SCANNER", "CleanScan", "ScanFilter", "ScannerGeometry"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
+DRIVING = 0.1  # [m/s] a faster car sees the ranges change from scan to scan
 RANGE_MARGIN = 0.5  # [m] a reading this near to the maximum range, or beyond, is no return
 
 
@@ -68,7 +70,7 @@ class ScannerGeometry:
         """Bearings of the beams (n,) [rad], 0 ahead, positive to the left."""
         return np.linspace(-0.5 * self.field_of_view, 0.5 * self.field_of_view, self.beams)
 
-    def returned(self, scan: Array) -> NDArray[np.bool_]:
+    def returned(self, scan: Array) -> Mask:
         """Which beams of a scan (n,) [m] hit something, (n,); NaN and ranges <= 0 did not."""
         return (scan > 0.0) & (scan < self.max_range - RANGE_MARGIN)
 
@@ -76,13 +78,33 @@ class ScannerGeometry:
 DEFAULT_SCANNER = ScannerGeometry()
 
 
-class ScanFilter:
-    """Cleans scans and finds their supported minimum.
+@dataclass(frozen=True, slots=True)
+class CleanScan:
+    """A scan without its defects.
 
-    A beam that repeats the same range bit by bit while the scene around it changes is stuck, and
-    ignored unless its neighbours are stuck with it: several beams that agree may be a car ahead at
-    the own speed, and what may be an obstacle is never ignored. A scan with too few working beams,
-    or one that repeats itself entirely while the car drives, counts as missing.
+    Attributes:
+        ranges: (n,) [m]; the maximum range where nothing returned or the beam is defective.
+        working: Beams that are neither silent nor stuck (n,).
+        repeated: Beams whose hit has been the same, bit by bit, since the car drove (n,).
+        frozen: Whether all hits have repeated for so long that the scanner counts as dead.
+        usable: Whether enough beams work and the scan is not frozen.
+    """
+
+    ranges: Array
+    working: Mask
+    repeated: Mask
+    frozen: bool
+    usable: bool
+
+
+class ScanFilter:
+    """Finds the defects of scans, and their supported minimum.
+
+    A beam that repeats the same range bit by bit while the scene around it changes is stuck. It is
+    removed unless its neighbours are stuck with it: several beams that agree may be a car ahead at
+    the own speed, and a possible obstacle is never removed. A scan with too few working beams, or
+    one that repeats itself entirely while the car drives, is unusable; it stays so at standstill
+    until the readings change.
 
     Args:
         max_range: Largest range, reported where nothing returns [m].
@@ -112,6 +134,7 @@ class ScanFilter:
         """Forget earlier scans."""
         self._last: Array | None = None
         self._repeats = np.zeros(0, dtype=np.int64)
+        self._repeated: Mask = np.zeros(0, dtype=np.bool_)
         self._frozen = 0
 
     def nearest(self, scan: ArrayLike, speed: float | None = None) -> float | None:
@@ -125,26 +148,23 @@ class ScanFilter:
             The range [m], at most `max_range`; None when the scan is unusable.
 
         Raises:
-            InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
-                number.
+            InvalidProblem: As `clean`.
         """
-        usable = self.clean(scan, speed)
-        if usable is None:
+        clean = self.clean(scan, speed)
+        if not clean.usable:
             return None
-        width = min(self._window, usable.size)
-        windows = np.lib.stride_tricks.sliding_window_view(usable, width)
+        width = min(self._window, clean.ranges.size)
+        windows = np.lib.stride_tricks.sliding_window_view(clean.ranges, width)
         kth = min(self._support, width) - 1
         return float(np.partition(windows, kth, axis=1)[:, kth].min())
 
-    def clean(self, scan: ArrayLike, speed: float | None = None) -> Array | None:
-        """Return the ranges with `max_range` where a beam is of no use, or None.
+    def clean(self, scan: ArrayLike, speed: float | None = None) -> CleanScan:
+        """Return the scan without its defects.
 
         Args:
-            scan: Ranges [m], shape (n,).
+            scan: Ranges [m], shape (n,); infinite or beyond `max_range` where nothing returns, NaN
+                or not positive where a beam gave nothing.
             speed: Own speed [m/s], if known.
-
-        Returns:
-            Ranges [m], shape (n,), at most `max_range`; None when the scan is unusable.
 
         Raises:
             InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
@@ -155,36 +175,42 @@ class ScanFilter:
             raise InvalidProblem(f"`scan` must have shape (n,), n > 0. Got {ranges.shape}.")
         if speed is not None and not is_number(speed):
             raise InvalidProblem(f"`speed` must be a number or None. Got {speed!r}.")
-        working = ranges > 0.0
-        stuck, dead = self._watch(ranges, speed)
-        working &= ~self._isolated(stuck)
-        if dead or working.mean() < self._least_working:
-            return None
-        return np.where(working, np.minimum(ranges, self._max_range), self._max_range)
+        driving = speed is not None and math.isfinite(speed) and abs(speed) > DRIVING
+        self._count_repetitions(ranges, driving)
+        stuck = self._isolated(self._repeats >= self._stuck_after)
+        working = (ranges > 0.0) & ~stuck
+        frozen = self._frozen >= self._stuck_after
+        return CleanScan(
+            ranges=np.where(working, np.minimum(ranges, self._max_range), self._max_range),
+            working=working,
+            repeated=self._repeated,
+            frozen=frozen,
+            usable=not frozen and bool(working.mean() >= self._least_working),
+        )
 
-    def _isolated(self, stuck: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def _isolated(self, stuck: Mask) -> Mask:
         """Return the stuck beams with too few stuck neighbours to be an obstacle, (n,)."""
         if not stuck.any():
             return stuck
         near = np.convolve(stuck, np.ones(2 * self._window - 1), mode="same")[: stuck.size]
         return stuck & (near < self._support)
 
-    def _watch(self, ranges: Array, speed: float | None) -> tuple[NDArray[np.bool_], bool]:
-        """Return which beams are stuck, and whether the whole scan is dead."""
-        last, self._last = self._last, ranges.copy()
-        none = np.zeros(ranges.shape, dtype=bool)
-        if last is None or last.shape != ranges.shape:
-            self._repeats = np.zeros(ranges.shape, dtype=np.int64)
-            self._frozen = 0
-            return none, False
+    def _count_repetitions(self, ranges: Array, driving: bool) -> None:
+        """Compare a scan (n,) with the last one that had hits."""
         hits = (ranges > 0.0) & (ranges < self._max_range)
-        same = hits & (ranges == last)
-        count = int(hits.sum())
-        # Seen against a still scene a repeated range is ordinary, so only motion counts.
-        if count and same.sum() <= 0.5 * count:
-            self._repeats = np.where(same, self._repeats + 1, 0)
+        if self._last is None or self._last.shape != ranges.shape:
+            self._repeats = np.zeros(ranges.shape, dtype=np.int64)
+            self._repeated = np.zeros(ranges.shape, dtype=np.bool_)
+            self._frozen = 0
+            same = self._repeated
+        elif hits.any() or (ranges > 0.0).all():
+            same = hits & (ranges == self._last)
         else:
-            self._repeats[~same] = 0
-        driving = speed is not None and math.isfinite(speed) and abs(speed) > 0.5
-        self._frozen = self._frozen + 1 if driving and count and same.sum() == count else 0
-        return self._repeats >= self._stuck_after, self._frozen >= self._stuck_after
+            return  # a silent scan says nothing: the one before it stays the reference
+        # Seen against a still scene a repeated range is ordinary, so only motion counts.
+        moving = same.sum() <= 0.5 * hits.sum()
+        self._repeats = np.where(same, self._repeats + int(moving), 0)
+        self._repeated = same & (self._repeated | driving)
+        whole = bool(same.any() and (same == hits).all())
+        self._frozen = self._frozen + int(driving) if whole else 0
+        self._last = ranges.copy() if hits.any() else self._last

@@ -6,6 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shield.arguments import is_number
+from shield.errors import InvalidProblem
+
 __all__ = ["CommandBounds"]
 
 
@@ -19,11 +22,20 @@ class CommandBounds:
         right: Sharpest steering to the right [rad].
         left: Sharpest steering to the left [rad], not below `right`.
         max_speed: [m/s]
+
+    Raises:
+        InvalidProblem: A bound is not of a number's type.
     """
 
     right: float = -math.inf
     left: float = math.inf
     max_speed: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Check the types; any value will do."""
+        for name in ("right", "left", "max_speed"):
+            if not is_number(getattr(self, name)):
+                raise InvalidProblem(f"`{name}` must be a number. Got {getattr(self, name)!r}.")
 
     def limit(self, command: NDArray[np.float64], min_speed: float) -> NDArray[np.float64]:
         """Return the nearest command within the bounds, (2,) [rad, m/s]; a copy.

@@ -1,66 +1,65 @@
-"""Both barriers behind one scanner: what the shield asks before every command."""
+"""Both barriers behind one scanner: they bound every command before it is projected."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from shield.arguments import check_positive
-from shield.errors import InvalidLimits
+from shield.arguments import as_array, check_positive, is_number
+from shield.errors import InvalidLimits, InvalidProblem
+from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
-from shield.world.flanks import FlankBarrier, FlankConfig
-from shield.world.stopping import StoppingBarrier, StoppingConfig
+from shield.vehicle import VehicleGeometry
+from shield.world.flanks import FlankBarrier
+from shield.world.stopping import HORIZON, StoppingBarrier
 from shield.world.surroundings import Surroundings
 
-__all__ = ["BarrierConfig", "ObstacleBarrier"]
+__all__ = ["ESCAPE_SPEED", "BarrierConfig", "ObstacleBarrier"]
 
-_CHOICES = 21
-"""Steering angles that are tried for a way out."""
-
-_RELUCTANCE = 0.3
-"""By which steering to the side on which one does not overtake counts as farther away [rad]."""
+ESCAPE_SPEED = 1.0  # [m/s] at which a blocked car steers free of the obstacle before it
+CANDIDATES = 21  # steering angles that are tried for a way around the obstacle
+WRONG_SIDE_PENALTY = 0.3  # [rad] by which steering to the wrong side counts as farther away
+DEFAULT_VEHICLE = VehicleGeometry()
 
 
 @dataclass(frozen=True, slots=True)
 class BarrierConfig:
-    """Where the scanner is, and the numbers of the barriers.
+    """Numbers of the barriers, none of them in the paper.
 
     Attributes:
         enabled: Whether the shield has barriers.
-        forward: From the rear axle to the scanner in the front bumper [m].
-        max_range: Reading of a beam that hit nothing [m].
-        escape_speed: At which a car that has been stopped steers free of what it stands before, if
-            any steering is free [m/s].
-        patience: How long it stands before it does so [s]; who walks has gone by then.
-        overtaking: Side on which it then rather goes, `left` or `right`: on the other one the road
-            may end.
-        stopping: Of the speed.
-        flanks: Of the steering.
+        braking: Deceleration that the car counts on [m/s²], at most the limit's: the last resort
+            of a driver who should have braked before.
+        delay: Time until the brakes hold [s].
+        standoff: Distance from the scanner at which the car stands before an obstacle [m]; from
+            nearer than 2.5 m it cannot steer free.
+        standstill_time: How long a blocked car stands before it steers free of the obstacle, if any
+            steering is free [s]; pedestrians have passed by then.
+        overtaking: Side to which it then rather steers, `left` or `right`: on the other side the
+            road may end.
 
     Raises:
-        InvalidLimits: A number is not positive and finite, or a side that is none.
+        InvalidLimits: A number is not positive and finite, or `overtaking` is no side.
     """
 
     enabled: bool = True
-    forward: float = 3.6
-    max_range: float = 40.0
-    escape_speed: float = 1.0
-    patience: float = 4.0
+    braking: float = 6.0
+    delay: float = 0.2
+    standoff: float = 3.0
+    standstill_time: float = 4.0
     overtaking: Literal["left", "right"] = "left"
-    stopping: StoppingConfig = field(default_factory=StoppingConfig)
-    flanks: FlankConfig = field(default_factory=FlankConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be, naming the field and the value received."""
+        """Check every field."""
         check_positive(
             InvalidLimits,
-            forward=self.forward,
-            max_range=self.max_range,
-            escape_speed=self.escape_speed,
-            patience=self.patience,
+            braking=self.braking,
+            delay=self.delay,
+            standoff=self.standoff,
+            standstill_time=self.standstill_time,
         )
         if self.overtaking not in ("left", "right"):
             raise InvalidLimits(f"`overtaking` must be left or right. Got {self.overtaking!r}.")
@@ -69,27 +68,36 @@ class BarrierConfig:
 class ObstacleBarrier:
     """Bounds the next command by what a scanner sees and has seen.
 
+    Before the first scan nothing is known, and the car has to stand.
+
     Args:
-        config: Scanner and barriers.
+        config: Numbers of the barriers.
         limits: Limits of the vehicle.
+        scanner: Where the scanner is and where its beams point.
+        vehicle: Outline of the car.
 
     Attributes:
-        surroundings: What is there.
+        surroundings: What is around the car.
     """
 
-    def __init__(self, config: BarrierConfig, limits: ActuatorLimits) -> None:
+    def __init__(
+        self,
+        config: BarrierConfig,
+        limits: ActuatorLimits,
+        scanner: ScannerGeometry = DEFAULT_SCANNER,
+        vehicle: VehicleGeometry = DEFAULT_VEHICLE,
+    ) -> None:
         self._config = config
         self._limits = limits
-        braking = min(config.stopping.braking, limits.max_deceleration)
-        stopping = replace(config.stopping, braking=braking)
-        self._stopping = StoppingBarrier(stopping, limits.wheelbase)
-        self._flanks = FlankBarrier(config.flanks, limits.wheelbase)
-        self.surroundings = Surroundings(
-            limits.dt,
-            forward=config.forward,
-            max_range=config.max_range,
-            reach=config.stopping.horizon,
+        self._stopping = StoppingBarrier(
+            vehicle,
+            limits.wheelbase,
+            braking=min(config.braking, limits.max_deceleration),
+            delay=config.delay,
+            standoff=config.standoff,
         )
+        self._flanks = FlankBarrier(vehicle, limits.wheelbase)
+        self.surroundings = Surroundings(limits.dt, scanner, HORIZON)
         self.reset()
 
     def reset(self) -> None:
@@ -101,30 +109,36 @@ class ObstacleBarrier:
         """Take a scan, as `Surroundings.update` does."""
         self.surroundings.update(scan, speed, yaw_rate)
 
-    def bounds(self, command: NDArray[np.float64], previous: float) -> CommandBounds:
-        """Bounds of the next command.
+    def bounds(self, command: ArrayLike, previous: float) -> CommandBounds:
+        """Return the bounds of the next command.
 
         Args:
-            command: Wanted (2,) [rad, m/s]; a steering that is not a number counts as the last one.
-            previous: Last executed steering [rad].
+            command: Nominal command (2,) [rad, m/s]; a steering of NaN counts as the last one.
+            previous: Last executed steering [rad]; 0 if not finite.
+
+        Raises:
+            InvalidProblem: `command` is not two numbers, or `previous` is not a number.
         """
-        steering, wanted = command.tolist()
+        steering, nominal_speed = as_array("command", command, (2,)).tolist()
+        if not is_number(previous):
+            raise InvalidProblem(f"`previous` must be a number. Got {previous!r}.")
+        previous = float(previous) if math.isfinite(previous) else 0.0
         steering = previous if math.isnan(steering) else steering
         right, left = self._flanks.steering(self.surroundings)
         speed = self._max_speed(min(max(steering, right), left), previous)
-        if self._stands(speed, wanted):
-            way_out = self._way_out(steering, right, left)
-            if way_out is not None:
-                right = left = way_out
-                speed = min(self._max_speed(way_out, previous), self._config.escape_speed)
+        if self._is_stuck(speed, nominal_speed):
+            escape = self._escape(steering, right, left)
+            if escape is not None:
+                right = left = escape
+                speed = min(self._max_speed(escape, previous), ESCAPE_SPEED)
         return CommandBounds(right, left, speed)
 
-    def _stands(self, speed: float, wanted: float) -> bool:
-        """Whether the car has stood long enough before something that it wants to pass."""
-        creep = self._config.escape_speed
-        blocked = speed < min(creep, wanted) and self.surroundings.speed < 1.5 * creep
+    def _is_stuck(self, speed: float, nominal_speed: float) -> bool:
+        """Whether the car has stood long enough before an obstacle that it should pass."""
+        blocked = speed < min(ESCAPE_SPEED, nominal_speed)
+        blocked = blocked and self.surroundings.speed < 1.5 * ESCAPE_SPEED
         self._blocked = self._blocked + 1 if blocked else 0
-        return self._blocked * self._limits.dt > self._config.patience
+        return self._blocked * self._limits.dt > self._config.standstill_time
 
     def _max_speed(self, steering: float, previous: float) -> float:
         """Bound of the speed on the arc of the steering that this step can reach [m/s]."""
@@ -132,15 +146,15 @@ class ObstacleBarrier:
         reachable = min(max(steering, previous - step), previous + step)
         return self._stopping.max_speed(self.surroundings, reachable)
 
-    def _way_out(self, steering: float, right: float, left: float) -> float | None:
-        """The steering nearest to the wanted one on whose arc the car can creep on, if any."""
+    def _escape(self, steering: float, right: float, left: float) -> float | None:
+        """The steering nearest to the nominal one on whose arc the car can creep on, if any."""
         lock = self._limits.max_steering
-        choices = np.linspace(max(right, -lock), min(left, lock), _CHOICES)
+        candidates = np.linspace(max(right, -lock), min(left, lock), CANDIDATES)
         side = 1.0 if self._config.overtaking == "left" else -1.0
-        for choice in sorted(
-            choices.tolist(),
-            key=lambda angle: abs(angle - steering) + _RELUCTANCE * (side * angle < 0.0),
+        for candidate in sorted(
+            candidates.tolist(),
+            key=lambda angle: abs(angle - steering) + WRONG_SIDE_PENALTY * (side * angle < 0.0),
         ):
-            if self._stopping.max_speed(self.surroundings, choice) >= self._config.escape_speed:
-                return float(choice)
+            if self._stopping.max_speed(self.surroundings, candidate) >= ESCAPE_SPEED:
+                return float(candidate)
         return None

@@ -10,50 +10,32 @@ Straight on is always allowed.
 """
 
 import math
-from dataclasses import asdict, dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import check_positive
-from shield.errors import InvalidLimits
+from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings
 
-__all__ = ["FlankBarrier", "FlankConfig"]
+__all__ = ["FLANK_MARGIN", "FlankBarrier"]
 
 Array = NDArray[np.float64]
 
-
-@dataclass(frozen=True, slots=True)
-class FlankConfig:
-    """Numbers of the barrier, none of them in the paper.
-
-    Attributes:
-        half_width: Half the width of the car and a margin [m].
-        reach: Sideways distance from the middle up to which a thing is beside the car [m].
-
-    Raises:
-        InvalidLimits: A number is not positive and finite.
-    """
-
-    half_width: float = 1.15
-    reach: float = 2.2
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be, naming the field and the value received."""
-        check_positive(InvalidLimits, **asdict(self))
+FLANK_MARGIN = 0.25  # [m] between the body and what it passes
+FLANK_REACH = 1.3  # [m] beside the body up to which a thing bounds the steering
 
 
 class FlankBarrier:
     """Bounds the steering by what is beside the car.
 
     Args:
-        config: Its numbers.
+        vehicle: Outline of the car.
         wheelbase: Distance between the axles [m].
     """
 
-    def __init__(self, config: FlankConfig, wheelbase: float) -> None:
-        self.config = config
+    def __init__(self, vehicle: VehicleGeometry, wheelbase: float) -> None:
+        self._half_width = 0.5 * vehicle.width + FLANK_MARGIN
+        self._reach = 0.5 * vehicle.width + FLANK_REACH
         self._wheelbase = wheelbase
 
     def steering(self, around: Surroundings) -> tuple[float, float]:
@@ -62,15 +44,15 @@ class FlankBarrier:
         Infinite on a side where nothing is.
 
         Args:
-            around: What is there.
+            around: What is around the car.
         """
-        ahead, aside = around.beside[:, 0] + around.forward, around.beside[:, 1]
+        ahead, aside = around.beside[:, 0] + around.scanner.mount, around.beside[:, 1]
         return -self._sharpest(ahead, -aside), self._sharpest(ahead, aside)
 
     def _sharpest(self, ahead: Array, aside: Array) -> float:
         """Sharpest steering towards a side, from points at distances ahead and aside (n,) [m]."""
-        half = self.config.half_width
-        on_side = (aside > 0.0) & (aside < self.config.reach)
+        half = self._half_width
+        on_side = (aside > 0.0) & (aside < self._reach)
         if not on_side.any():
             return math.inf
         x, y = ahead[on_side], aside[on_side]

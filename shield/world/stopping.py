@@ -7,8 +7,8 @@ reaction time τ and a braking deceleration b, the car stops in time from
 
 the braking distance of every driving school and of responsibility-sensitive safety
 (arXiv 1708.06374, Definition 1 with a standing obstacle). The path is the arc of the steering that
-is about to be executed. What stands on it ends it; somebody who walks ends it where he will be
-on it before the car has passed.
+is about to be executed. Obstacle points on it end it, and so does unknown space; a pedestrian
+limits it at the first point they reach before the car has passed it.
 
 =========  =============================================================
 variable   symbol
@@ -18,141 +18,124 @@ variable   symbol
 `braking`  b
 =========  =============================================================
 
-It is a barrier on the best knowledge of one scanner, not a proof: what the scanner does not see is
-not in it, and cars count as standing where they are.
+It is a barrier on the best knowledge of one scanner, not a proof: what the scanner cannot see
+is not in it, and cars count as standing where they are.
 """
 
 import math
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import check_positive
-from shield.errors import InvalidLimits
 from shield.estimation.clusters import Track
+from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings
 
-__all__ = ["StoppingBarrier", "StoppingConfig"]
+__all__ = ["HORIZON", "StoppingBarrier"]
 
 Array = NDArray[np.float64]
 
-_STRAIGHTEST = 1e-4
-"""Curvature below which an arc counts as one of this curvature [1/m]."""
-
-_SLOWEST = 3.0
-"""Least speed at which the car is taken to pass in front of a walker [m/s]."""
-
-
-@dataclass(frozen=True, slots=True)
-class StoppingConfig:
-    """Numbers of the barrier, none of them in the paper.
-
-    Attributes:
-        braking: Deceleration it counts on [m/s^2], at most the limit's: the last resort of somebody
-            who should have braked before.
-        delay: Time until the brakes hold [s].
-        standoff: Distance from the scanner to what it stops for [m]; from nearer than 2.5 m a car
-            cannot steer free.
-        walker_standoff: The same for somebody who walks [m].
-        width: Half width of what the sensor sweeps [m]: half a car and a margin.
-        walker_width: The same for somebody who walks [m].
-        body: From the sensor to behind the car [m].
-        horizon: Length of the path that is looked at [m].
-
-    Raises:
-        InvalidLimits: A number is not positive and finite.
-    """
-
-    braking: float = 6.0
-    delay: float = 0.2
-    standoff: float = 3.0
-    walker_standoff: float = 3.5
-    width: float = 1.2
-    walker_width: float = 1.9
-    body: float = 6.0
-    horizon: float = 30.0
-
-    def __post_init__(self) -> None:
-        """Refuse what cannot be, naming the field and the value received."""
-        check_positive(InvalidLimits, **asdict(self))
+HORIZON = 30.0  # [m] length of path that is looked at: twice the braking distance from 12 m/s
+STEP = 0.5  # [m] between two points of the path that pedestrians are tested against
+MIN_CURVATURE = 1e-4  # [1/m] straighter arcs count as arcs of this curvature
+BODY_MARGIN = 0.3  # [m] beside the body, for points
+PEDESTRIAN_MARGIN = 1.0  # [m] beside the body, for pedestrians: they stumble and turn
+PEDESTRIAN_STANDOFF = 3.5  # [m] from the scanner to a pedestrian
+UNKNOWN_STANDOFF = 3.0  # [m] from the scanner to unknown space: more than it ever comes near
+PASSING_MARGIN = 1.5  # [m] behind the car until it has passed a pedestrian's path
+MIN_PASSING_SPEED = 3.0  # [m/s] a slower car counts as passing a pedestrian at this speed
 
 
 class StoppingBarrier:
     """Bounds the speed by the free path ahead.
 
     Args:
-        config: Its numbers.
+        vehicle: Outline of the car.
         wheelbase: Distance between the axles [m].
+        braking: Deceleration that the barrier counts on [m/s²].
+        delay: Time until the brakes hold [s].
+        standoff: Distance from the scanner to obstacle points at which the car stands [m].
     """
 
-    _STEP = 0.5
-
-    def __init__(self, config: StoppingConfig, wheelbase: float) -> None:
-        self.config = config
+    def __init__(
+        self,
+        vehicle: VehicleGeometry,
+        wheelbase: float,
+        *,
+        braking: float,
+        delay: float,
+        standoff: float,
+    ) -> None:
         self._wheelbase = wheelbase
-        self._along: Array = np.arange(0.0, config.horizon, self._STEP)
+        self._braking, self._delay, self._standoff = braking, delay, standoff
+        self._half_width = 0.5 * vehicle.width + BODY_MARGIN
+        self._pedestrian_room = 0.5 * vehicle.width + PEDESTRIAN_MARGIN
+        self._body = vehicle.length + PASSING_MARGIN
+        self._along: Array = np.arange(0.0, HORIZON, STEP)
 
     def max_speed(self, around: Surroundings, steering: float) -> float:
-        """The speed from which the car stops in time on the arc of a steering angle [m/s].
+        """Return the speed from which the car stops in time on the arc of a steering angle [m/s].
 
         Infinite on a free path.
 
         Args:
-            around: What is there.
-            steering: That is about to be executed [rad].
+            around: What is around the car.
+            steering: Angle that is about to be executed [rad].
         """
-        arc = _Arc.of(math.tan(steering) / self._wheelbase, around.forward)
+        arc = _Arc.of(math.tan(steering) / self._wheelbase, around.scanner.mount)
+        points = self._swept(arc, around.points)
         free = min(
-            self._free_of_points(arc, around.points) - self.config.standoff,
-            self._free_of_walkers(arc, around) - self.config.walker_standoff,
+            # One point alone may be rain, so the second counts.
+            (float(np.partition(points, 1)[1]) if len(points) > 1 else math.inf) - self._standoff,
+            self._free_of_pedestrians(arc, around) - PEDESTRIAN_STANDOFF,
+            float(self._swept(arc, around.frontier).min(initial=math.inf)) - UNKNOWN_STANDOFF,
         )
         if math.isinf(free):
             return math.inf
-        braking, room = self.config.braking, max(free, 0.0)
-        lost = braking * self.config.delay
+        braking, room = self._braking, max(free, 0.0)
+        lost = braking * self._delay
         return max(0.0, math.sqrt(lost**2 + 2.0 * braking * room) - lost)
 
-    def _free_of_points(self, arc: "_Arc", points: Array) -> float:
-        """Length of the arc up to the second point that is swept: one alone may be rain [m]."""
+    def _swept(self, arc: "_Arc", points: Array) -> Array:
+        """Distances along the arc of the points (n, 2) that the car would sweep (m,) [m]."""
         along, aside = arc.locate(points)
-        swept = along[(along > 0.0) & (np.abs(aside) < self.config.width)]
-        return float(np.partition(swept, 1)[1]) if len(swept) > 1 else math.inf
+        return along[(along > 0.0) & (np.abs(aside) < self._half_width)]
 
-    def _free_of_walkers(self, arc: "_Arc", around: Surroundings) -> float:
-        """Length of the arc up to where a walker will be before the car has passed [m]."""
-        if not around.walkers:
+    def _free_of_pedestrians(self, arc: "_Arc", around: Surroundings) -> float:
+        """Length of the arc up to where a pedestrian will be before the car has passed [m]."""
+        if not around.pedestrians:
             return math.inf
-        passed = (self._along + self.config.body) / max(around.speed, _SLOWEST)
+        passed = (self._along + self._body) / max(around.speed, MIN_PASSING_SPEED)
         places = arc.places(self._along)
         blocked = np.zeros(len(places), np.bool_)
-        for walker in around.walkers:
-            comes, goes = _crossing_times(walker, places, self.config.walker_width)
-            blocked |= (goes > 0.0) & (comes < passed)
+        for pedestrian in around.pedestrians:
+            enters, leaves = _crossing_times(pedestrian, places, self._pedestrian_room)
+            blocked |= (leaves > 0.0) & (enters < passed)
         return float(self._along[blocked].min(initial=math.inf))
 
 
 @dataclass(frozen=True, slots=True)
 class _Arc:
-    """The way of the sensor, in its own frame: a circle around (-forward, radius)."""
+    """Path of the sensor, in its own frame: a circle around (-mount, radius) [m]."""
 
     radius: float
-    forward: float
+    mount: float
 
     @classmethod
-    def of(cls, curvature: float, forward: float) -> "_Arc":
-        bend = math.copysign(max(abs(curvature), _STRAIGHTEST), curvature)
-        return cls(1.0 / bend, forward)
+    def of(cls, curvature: float, mount: float) -> "_Arc":
+        bend = math.copysign(max(abs(curvature), MIN_CURVATURE), curvature)
+        return cls(1.0 / bend, mount)
 
     @property
     def _sensor(self) -> tuple[float, float]:
         """Its distance from the middle [m] and its bearing from there [rad]."""
-        return math.hypot(self.forward, self.radius), math.atan2(-self.radius, self.forward)
+        return math.hypot(self.mount, self.radius), math.atan2(-self.radius, self.mount)
 
     def locate(self, points: Array) -> tuple[Array, Array]:
         """Distance along the arc and from it of points (n, 2): two times (n,) [m]."""
         reach, start = self._sensor
-        x, y = points[:, 0] + self.forward, points[:, 1] - self.radius
+        x, y = points[:, 0] + self.mount, points[:, 1] - self.radius
         turned = math.copysign(1.0, self.radius) * (np.arctan2(y, x) - start)
         along = reach * ((turned + math.pi) % (2.0 * math.pi) - math.pi)
         return along, np.hypot(x, y) - reach
@@ -161,18 +144,18 @@ class _Arc:
         """Points (m, 2) of the arc at distances (m,) [m]."""
         reach, start = self._sensor
         angle = start + math.copysign(1.0, self.radius) * along / reach
-        centre = np.array([-self.forward, self.radius])
+        centre = np.array([-self.mount, self.radius])
         return np.asarray(centre + reach * np.stack([np.cos(angle), np.sin(angle)], axis=1))
 
 
-def _crossing_times(walker: Track, places: Array, room: float) -> tuple[Array, Array]:
-    """When a walker comes within `room` of places (m, 2), and leaves it: two times (m,) [s].
+def _crossing_times(pedestrian: Track, places: Array, room: float) -> tuple[Array, Array]:
+    """When a pedestrian comes within `room` of places (m, 2), and leaves: two times (m,) [s].
 
-    Both are minus infinity where he never does.
+    Both are minus infinity where they never do.
     """
-    apart = walker.position - places
-    pace = float(walker.velocity @ walker.velocity)
-    half = apart @ walker.velocity
+    apart = pedestrian.position - places
+    pace = float(pedestrian.velocity @ pedestrian.velocity)
+    half = apart @ pedestrian.velocity
     inside = half**2 - pace * ((apart**2).sum(axis=1) - room**2)
     root = np.sqrt(np.where(inside > 0.0, inside, np.nan))
     times = (-half - root) / pace, (-half + root) / pace

@@ -54,6 +54,18 @@ def test_the_barrier_stops_a_policy_that_sees_nothing(straight: RunConfig) -> No
     assert collided
 
 
+def test_a_lidar_that_repeats_its_scan_while_the_car_drives_is_lost(straight: RunConfig) -> None:
+    """The loop tells the tracker the speed, so the frozen scan does not count as clear view."""
+    faults = replace(straight.env.faults, stuck_beams=1.0)
+    config = replace(straight, env=replace(straight.env, faults=faults))
+    loop = build_loop(config, supervision(config, None))
+    loop.reset(seed=0)
+    action = loop.limits.to_action(np.array([0.0, 3.0]))
+    reasons = [loop.step(action)[-1]["risk"].reasons for _ in range(20)]
+    loop.close()
+    assert all("lidar_lost" in each for each in reasons[10:])
+
+
 def test_without_the_shield_there_is_no_barrier(straight: RunConfig) -> None:
     """It bounds what the shield lets through, and nothing without one."""
     config = replace(straight, shield=replace(straight.shield, enabled=False))

@@ -1,7 +1,8 @@
 """Bounds on the next command from what is around the car."""
 
 import math
-from typing import Literal
+from collections.abc import Callable
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -11,18 +12,22 @@ from shield import (
     BarrierConfig,
     CommandBounds,
     InvalidLimits,
+    InvalidProblem,
     ObstacleBarrier,
     SafetyFilter,
+    ScannerGeometry,
     Status,
+    VehicleGeometry,
 )
-from shield.world.flanks import FlankConfig
-from shield.world.stopping import StoppingConfig
+from shield.world.barrier import ESCAPE_SPEED
+from shield.world.flanks import FLANK_MARGIN
 
 LIMITS = ActuatorLimits()
 CONFIG = BarrierConfig()
-STOPPING = CONFIG.stopping
-BEARINGS = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 180)
-FREE = np.full(180, CONFIG.max_range)
+SCANNER = ScannerGeometry()
+VEHICLE = VehicleGeometry()
+BEARINGS = SCANNER.angles
+FREE = np.full(180, SCANNER.max_range)
 
 
 def scan_of(*things: tuple[float, float, float]) -> np.ndarray:
@@ -59,8 +64,8 @@ def test_nothing_in_the_way_bounds_nothing() -> None:
 def test_from_the_bound_the_car_stops_in_front_of_it(distance: float) -> None:
     """Reaction and braking distance together are the free path."""
     bound = max_speed(barrier_after(scan_of((distance + 0.5, 0.0, 0.5))), 0.0)
-    stops = bound * STOPPING.delay + bound**2 / (2.0 * STOPPING.braking)
-    assert stops == pytest.approx(distance - STOPPING.standoff, abs=0.1)
+    stops = bound * CONFIG.delay + bound**2 / (2.0 * CONFIG.braking)
+    assert stops == pytest.approx(distance - CONFIG.standoff, abs=0.1)
 
 
 def test_inside_the_standoff_the_car_has_to_stand() -> None:
@@ -73,9 +78,9 @@ def test_the_path_is_the_arc_of_the_steering() -> None:
     steering = 0.2
     radius = LIMITS.wheelbase / math.tan(steering)
     turn = 12.0 / radius
-    centre = (-CONFIG.forward, radius)
-    rest = math.hypot(CONFIG.forward, radius)
-    start = math.atan2(-radius, CONFIG.forward)
+    centre = (-SCANNER.mount, radius)
+    rest = math.hypot(SCANNER.mount, radius)
+    start = math.atan2(-radius, SCANNER.mount)
     thing = (
         centre[0] + rest * math.cos(start + turn),
         centre[1] + rest * math.sin(start + turn),
@@ -112,8 +117,8 @@ def test_it_counts_on_no_more_braking_than_the_actuators_have() -> None:
         barrier = ObstacleBarrier(CONFIG, limits)
         barrier.update(scan_of((20.0, 0.0, 0.8)), 8.0, 0.0)
         bounds.append(barrier.bounds(np.array([0.0, 8.0]), 0.0).max_speed)
-    room = 20.0 - 0.8 - STOPPING.standoff
-    lost = 3.0 * STOPPING.delay
+    room = 20.0 - 0.8 - CONFIG.standoff
+    lost = 3.0 * CONFIG.delay
     assert bounds[1] == pytest.approx(math.sqrt(lost**2 + 6.0 * room) - lost, abs=0.2)
     assert bounds[1] < bounds[0] - 2.0
 
@@ -135,33 +140,74 @@ def test_who_comes_after_the_car_has_passed_does_not_count() -> None:
     assert max_speed(barrier_after(*walk(14.0, -1.3))) == math.inf
 
 
-def test_a_dead_scanner_bounds_nothing_and_nothing_raises() -> None:
-    """Not seeing is the trigger's business; values that are no numbers are survived."""
-    barrier = barrier_after(np.full(180, np.nan))
-    assert max_speed(barrier) == math.inf
+def test_values_that_are_not_finite_are_survived() -> None:
+    """They count as the last known ones."""
     barrier = barrier_after(scan_of((8.0, 0.0, 0.5)))
-    assert barrier.bounds(np.array([math.nan, 8.0]), 0.0) == barrier.bounds(np.zeros(2), 0.0)
+    assert barrier.bounds([math.nan, 8.0], 0.0) == barrier.bounds(np.zeros(2), 0.0)
+    assert barrier.bounds(np.zeros(2), math.nan) == barrier.bounds(np.zeros(2), 0.0)
     barrier = barrier_after(scan_of((8.0, 0.0, 0.5)), speed=math.nan)
     assert max_speed(barrier) < 8.0
 
 
+@pytest.mark.parametrize(
+    ("name", "call"),
+    [
+        ("command", lambda barrier: barrier.bounds(None, 0.0)),
+        ("command", lambda barrier: barrier.bounds(["a", 1.0], 0.0)),
+        ("command", lambda barrier: barrier.bounds(np.zeros(3), 0.0)),
+        ("command", lambda barrier: barrier.bounds(np.zeros((1, 2)), 0.0)),
+        ("previous", lambda barrier: barrier.bounds(np.zeros(2), np.zeros(2))),
+        ("previous", lambda barrier: barrier.bounds(np.zeros(2), None)),
+        ("speed", lambda barrier: barrier.update(FREE, None, 0.0)),
+        ("speed", lambda barrier: barrier.update(FREE, "5", 0.0)),
+        ("speed", lambda barrier: barrier.update(FREE, [5.0], 0.0)),
+        ("yaw_rate", lambda barrier: barrier.update(FREE, 5.0, "a")),
+        ("yaw_rate", lambda barrier: barrier.update(FREE, 5.0, None)),
+        ("scan", lambda barrier: barrier.update(None, 5.0, 0.0)),
+        ("scan", lambda barrier: barrier.update("scan", 5.0, 0.0)),
+        ("scan", lambda barrier: barrier.update(FREE[:90], 5.0, 0.0)),
+        ("scan", lambda barrier: barrier.update(FREE[None], 5.0, 0.0)),
+        ("scan", lambda barrier: barrier.update(FREE * 1j, 5.0, 0.0)),
+        ("scan", lambda barrier: barrier.update([[1.0], [1.0, 2.0]], 5.0, 0.0)),
+        ("bounds", lambda _: SafetyFilter(LIMITS).filter([0.0, 1.0], bounds=None)),
+        ("bounds", lambda _: SafetyFilter(LIMITS).filter([0.0, 1.0], bounds=3.0)),
+        ("max_speed", lambda _: CommandBounds(max_speed="3")),  # type: ignore[arg-type]
+        ("left", lambda _: CommandBounds(left=None)),  # type: ignore[arg-type]
+    ],
+)
+def test_wrong_types_are_refused_by_name(name: str, call: Callable[[Any], object]) -> None:
+    """With `InvalidProblem`, before anything has changed."""
+    barrier = barrier_after(scan_of((8.0, 0.0, 0.5)))
+    before = max_speed(barrier)
+    with pytest.raises(InvalidProblem, match=f"`{name}`"):
+        call(barrier)
+    assert max_speed(barrier) == before
+
+
+def test_lists_and_integers_are_accepted() -> None:
+    """Whatever numpy takes for numbers."""
+    barrier = ObstacleBarrier(CONFIG, LIMITS)
+    barrier.update([20] * 180, 5, np.float32(0.0))
+    of_list = barrier.bounds([0, 5], np.float32(0.0))
+    assert of_list == barrier.bounds(np.array([0.0, 5.0]), 0.0) and of_list.max_speed < 15.0
+
+
 def test_a_reset_forgets_what_was_seen() -> None:
-    """The next episode begins on a free road."""
+    """The next episode begins with nothing known; its first scan shows a free road."""
     barrier = barrier_after(scan_of((8.0, 0.0, 0.5)))
     assert max_speed(barrier) < 8.0
     barrier.reset()
+    assert max_speed(barrier) == 0.0
+    barrier.update(FREE, 8.0, 0.0)
     assert max_speed(barrier) == math.inf
 
 
-@pytest.mark.parametrize("name", ["braking", "delay", "standoff", "width", "horizon"])
+@pytest.mark.parametrize("name", ["braking", "delay", "standoff", "standstill_time"])
 def test_impossible_numbers_are_refused(name: str) -> None:
     """The message names the field and the value."""
-    with pytest.raises(InvalidLimits, match=f"`{name}`.*-1"):
-        StoppingConfig(**{name: -1.0})
-    with pytest.raises(InvalidLimits, match="`half_width`.*-1"):
-        FlankConfig(half_width=-1.0)
-    with pytest.raises(InvalidLimits, match="`patience`.*-1"):
-        BarrierConfig(patience=-1.0)
+    for value in (-1.0, 0.0, math.nan, math.inf):
+        with pytest.raises(InvalidLimits, match=f"`{name}`.*{value}"):
+            BarrierConfig(**{name: value})  # type: ignore[arg-type]
 
 
 def pass_by(side: float, pace: float = 0.0) -> ObstacleBarrier:
@@ -186,10 +232,10 @@ def test_beside_a_car_the_steering_towards_it_is_bounded(side: float) -> None:
 
 def test_with_the_bound_the_flank_stays_clear_and_beyond_it_it_does_not() -> None:
     """Drive the circle of the bound, and one half as sharp again, past a point beside the car."""
-    half = FlankConfig().half_width
+    half = 0.5 * VEHICLE.width + FLANK_MARGIN
     barrier = barrier_after(FREE)
     point = np.array([2.0, 1.6])
-    barrier.surroundings.beside = point[None] - [CONFIG.forward, 0.0]
+    barrier.surroundings.beside = point[None] - [SCANNER.mount, 0.0]
     sharpest = barrier.bounds(np.zeros(2), 0.0).left
 
     def nearest(steering: float) -> float:
@@ -223,14 +269,14 @@ def test_a_car_that_drives_along_is_remembered_longer() -> None:
 
 @pytest.mark.parametrize("wanted", [0.1, 8.0])
 def test_who_has_stood_long_enough_steers_free(wanted: float) -> None:
-    """In front of a post the car stands; after its patience it gets the nearest way out."""
+    """In front of a post the car stands; after a while it gets the nearest way out."""
     barrier = barrier_after(scan_of((1.8, -0.8, 0.4)), speed=0.0)
     wish = np.array([-0.05, wanted])
     assert barrier.bounds(wish, 0.0).max_speed == 0.0
-    for _ in range(int(CONFIG.patience / LIMITS.dt) + 1):
+    for _ in range(int(CONFIG.standstill_time / LIMITS.dt) + 1):
         bounds = barrier.bounds(wish, 0.0)
     assert bounds.left == bounds.right > 0.1
-    assert barrier.bounds(wish, bounds.left).max_speed == CONFIG.escape_speed
+    assert barrier.bounds(wish, bounds.left).max_speed == ESCAPE_SPEED
     assert barrier.bounds(np.zeros(2), 0.0).max_speed == 0.0
 
 
@@ -243,7 +289,7 @@ def test_it_steers_free_on_the_side_on_which_one_overtakes(
     for wish, way in ((0.0, sign), (-0.2 * sign, -sign)):
         barrier = ObstacleBarrier(config, LIMITS)
         barrier.update(scan_of((3.2, 0.0, 0.6)), 0.0, 0.0)
-        for _ in range(int(config.patience / LIMITS.dt) + 1):
+        for _ in range(int(config.standstill_time / LIMITS.dt) + 1):
             bounds = barrier.bounds(np.array([wish, 8.0]), 0.0)
         assert bounds.left == bounds.right
         assert math.copysign(1.0, bounds.left) == way
