@@ -212,5 +212,6 @@ class ScanFilter:
         self._repeats = np.where(same, self._repeats + int(moving), 0)
         self._repeated = same & (self._repeated | driving)
         whole = bool(same.any() and (same == hits).all())
-        self._frozen = self._frozen + int(driving) if whole else 0
+        # A car that brakes to a stop before the count is full goes on counting.
+        self._frozen = self._frozen + int(driving or self._frozen > 0) if whole else 0
         self._last = ranges.copy() if hits.any() else self._last
