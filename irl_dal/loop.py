@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
-from irl_dal.envs import Caption, CityEnv
+from irl_dal.envs import CityEnv, Overlay
 from irl_dal.planner import ActionBlend, Activation, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
@@ -255,7 +255,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             self._barrier.update(scan, speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane, speed)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
-        self.city.caption = Caption(
+        self.city.overlay = Overlay(
             self._risk.risky,
             f"{self._decision.mode.name.lower().replace('_', ' ')}"
             + (f"   trigger: {', '.join(self._risk.reasons)}" if self._risk.risky else ""),

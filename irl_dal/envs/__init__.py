@@ -2,7 +2,7 @@
 
 import gymnasium
 
-from irl_dal.envs.chase import Caption
+from irl_dal.envs.chase import Overlay
 from irl_dal.envs.city import CityEnv, Scene
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import FAULTS, FaultConfig
@@ -11,7 +11,7 @@ from irl_dal.envs.reward import RewardConfig
 __all__ = [
     "CITY_ID",
     "FAULTS",
-    "Caption",
+    "Overlay",
     "CityConfig",
     "CityEnv",
     "FaultConfig",

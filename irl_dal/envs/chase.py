@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from irl_dal.envs.arrays import Array
-from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
+from irl_dal.envs.vehicle import GEOMETRY, VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
 
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
@@ -30,8 +30,8 @@ CALM, RISKY = (90, 200, 140), (235, 70, 60)
 
 
 @dataclass(frozen=True, slots=True)
-class Caption:
-    """What somebody outside the city wants the view to say.
+class Overlay:
+    """What the control loop adds to the view.
 
     Attributes:
         risky: The trigger's verdict.
@@ -42,7 +42,7 @@ class Caption:
     text: str = ""
 
 
-class Moment(Protocol):
+class SceneView(Protocol):
     """The parts of a scene that the view draws."""
 
     @property
@@ -60,13 +60,13 @@ class Moment(Protocol):
 
 def chase_view(
     world: World,
-    scene: Moment,
+    scene: SceneView,
     light: Illumination,
-    caption: Caption,
+    overlay: Overlay,
     width: int = 640,
     height: int = 360,
 ) -> NDArray[np.uint8]:
-    """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays and a caption."""
+    """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays, the overlay."""
     state = scene.vehicle
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
@@ -81,22 +81,22 @@ def chase_view(
     picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
-    _draw_rays(pen, scene, (width, height), RISKY if caption.risky else CALM)
-    _draw_badge(pen, caption, state.speed, width)
+    _draw_rays(pen, scene, (width, height), RISKY if overlay.risky else CALM)
+    _draw_badge(pen, overlay, state.speed, width)
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 
 def _draw_rays(
-    pen: ImageDraw.ImageDraw, scene: Moment, size: tuple[int, int], colour: tuple[int, int, int]
+    pen: ImageDraw.ImageDraw, scene: SceneView, size: tuple[int, int], colour: tuple[int, int, int]
 ) -> None:
     """Rays that hit something, with a dot where they end."""
     farthest = float(scene.scan.max(initial=0.0))
     hit = scene.scan < max(farthest, 1.0) - 0.5
     hit[np.arange(len(hit)) % EVERY != 0] = False
-    origin = _project(np.array([[FRONT_BUMPER, 0.0, BEAM_HEIGHT]]), size)[0]
+    origin = _project(np.array([[GEOMETRY.front_bumper, 0.0, BEAM_HEIGHT]]), size)[0]
     ends = np.stack(
         [
-            FRONT_BUMPER + scene.scan * np.cos(scene.angles),
+            GEOMETRY.front_bumper + scene.scan * np.cos(scene.angles),
             scene.scan * np.sin(scene.angles),
             np.full(len(scene.scan), BEAM_HEIGHT),
         ],
@@ -107,12 +107,12 @@ def _draw_rays(
         pen.ellipse([x - 2.0, y - 2.0, x + 2.0, y + 2.0], fill=(*colour, 220))
 
 
-def _draw_badge(pen: ImageDraw.ImageDraw, caption: Caption, speed: float, width: int) -> None:
+def _draw_badge(pen: ImageDraw.ImageDraw, overlay: Overlay, speed: float, width: int) -> None:
     """Speed and trigger in the upper left corner."""
     words = f"{3.6 * speed:3.0f} km/h"
-    if caption.text:
-        words += f"   {caption.text}"
-    colour = RISKY if caption.risky else CALM
+    if overlay.text:
+        words += f"   {overlay.text}"
+    colour = RISKY if overlay.risky else CALM
     pen.rounded_rectangle(
         [8, 8, min(width - 8, 40 + 7 * len(words)), 32], 6, fill=(15, 18, 22, 170)
     )

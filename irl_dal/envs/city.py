@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 from collections import deque
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 import gymnasium
@@ -12,7 +14,7 @@ from gymnasium import spaces
 from numpy.typing import NDArray
 
 from irl_dal.envs.arrays import Array, Info, Observation
-from irl_dal.envs.chase import Caption, chase_view
+from irl_dal.envs.chase import Overlay, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
 from irl_dal.envs.lane_camera import Eye, LaneCamera
@@ -23,7 +25,7 @@ from irl_dal.envs.scenery import PAINT, Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
-from irl_dal.envs.vehicle import FRONT_BUMPER, KinematicVehicle, Vehicle, VehicleState
+from irl_dal.envs.vehicle import GEOMETRY, KinematicVehicle, Vehicle, VehicleState
 from irl_dal.envs.world import Illumination, World
 from shield import ActuatorLimits, LaneMeasurement
 
@@ -45,6 +47,35 @@ class Scene:
     vehicle: VehicleState
     scan: Array
     angles: Array
+
+
+@dataclass(frozen=True, slots=True)
+class _Episode:
+    """All that an episode follows from.
+
+    Attributes:
+        rng: The environment's generator before the episode.
+        options: Of `reset`.
+        camera_on: Whether the camera was on at `reset`.
+        steps: Command (2,) of each step, and whether the camera was on.
+    """
+
+    rng: np.random.Generator
+    options: dict[str, Any]
+    camera_on: bool
+    steps: list[tuple[Array, bool]]
+
+
+_KEPT = {
+    "spec",
+    "camera_on",
+    "overlay",
+    "action_space",
+    "observation_space",
+    "_np_random",
+    "_np_random_seed",
+}
+"""Attributes of a `CityEnv` that a copy takes over; all others follow from the episode."""
 
 
 class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
@@ -81,30 +112,49 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     `lateral_acceleration` [m/s^2]: the true state, for rewards and metrics; `lane_measurement`:
     what the lane sensor saw (None where it saw nothing).
 
+    Copies and pickles go on as the original would: they drive the episode so far again, which takes
+    as long as it took without its driver (1.5 ms a step).
+
     Args:
-        config: What the city is like.
-        limits: Actuator limits that the normalised action refers to.
+        config: What the city is like, or a mapping of `CityConfig`'s fields.
+        limits: Actuator limits that the normalised action refers to, or a mapping of their fields.
         render_mode: None or "rgb_array" (a chase view).
+        **fields: Fields of `CityConfig` that differ from `config`, such as `difficulty="hard"`.
+
+    Raises:
+        ValueError: A field is out of range, or the render mode unknown.
+        TypeError: There is no such field, or an argument has another type.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 10}
 
     def __init__(
         self,
-        config: CityConfig | None = None,
-        limits: ActuatorLimits | None = None,
+        config: CityConfig | Mapping[str, Any] | None = None,
+        limits: ActuatorLimits | Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        **fields: Any,
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"`render_mode` must be None or 'rgb_array'. Got {render_mode!r}.")
-        self.config = config or CityConfig()
-        self.limits = limits or ActuatorLimits()
+        config = {} if config is None else config
+        limits = {} if limits is None else limits
+        config = CityConfig(**config) if isinstance(config, Mapping) else config
+        limits = ActuatorLimits(**limits) if isinstance(limits, Mapping) else limits
+        if not isinstance(config, CityConfig):
+            raise TypeError(f"`config` must be a CityConfig or a mapping. Got {config!r}.")
+        if not isinstance(limits, ActuatorLimits):
+            raise TypeError(f"`limits` must be ActuatorLimits or a mapping. Got {limits!r}.")
+        self.config = replace(config, **fields)
+        self.limits = limits
         self.render_mode = render_mode
-        size, beams = self.config.image_size, self.config.lidar_beams
+        self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.limits.dt))}
+        self._episode: _Episode | None = None
+        size, scanner = self.config.image_size, self.config.scanner
         self.observation_space = spaces.Dict(  # type: ignore[assignment]
             {
                 "image": spaces.Box(0, 255, (size, size, 3), np.uint8),
-                "lidar": spaces.Box(0.0, self.config.lidar_range, (beams,), np.float32),
+                "lidar": spaces.Box(0.0, scanner.max_range, (scanner.beams,), np.float32),
                 "speed": spaces.Box(-50.0, 50.0, (1,), np.float32),
             }
         )
@@ -112,17 +162,13 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self.camera_on = True
         self._world = World()
         self._lidar = Lidar(
-            self._world,
-            beams,
-            self.config.lidar_range,
-            self.config.lidar_noise,
-            self.config.lidar_dropout,
+            self._world, scanner, self.config.lidar_noise, self.config.lidar_dropout
         )
         self._camera = Camera(self._world, size, self.config.image_noise)
         eye = Eye(size, Camera.FORWARD, Camera.HEIGHT - PAINT, Camera.PITCH, Camera.FIELD_OF_VIEW)
         self._lane_camera = LaneCamera(eye, self.limits.dt)
         self._track = None if self.config.track is None else Track.read(self.config.track)
-        self.caption = Caption()
+        self.overlay = Overlay()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -134,19 +180,19 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             options: `{"stretch": n}` chooses the n-th stretch of a track; the seed does otherwise.
         """
         super().reset(seed=seed)
+        options = options or {}
+        self._episode = _Episode(copy.deepcopy(self.np_random), dict(options), self.camera_on, [])
         config = self.config
         layout, self._noise, self._grain, faults = self.np_random.spawn(4)
         self._world.clear()
-        self._road = self._draw_road(layout, options or {})
+        self._road = self._draw_road(layout, options)
         self._scenery = Scenery(self._world, self._road, layout)
         self._traffic = Traffic(self._world, self._road, DENSITY[config.difficulty], layout)
         self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
-        self._lane_sensor = LaneSensor(
-            self._road, config.lane_offset_noise, config.lane_heading_noise, config.lane_dropout
-        )
+        self._lane_sensor = LaneSensor(self._road, config.lane_offset_noise)
         self._lane_camera.reset()
         kind = KinematicVehicle if config.dynamics == "kinematic" else Vehicle
-        self._vehicle = kind(self._world, config.faults.servo_rate)
+        self._vehicle = kind(self._world, self.limits.wheelbase, config.faults.servo_rate)
         x, y, yaw = self._road.pose(0.0, HOME_LANE)
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
@@ -157,7 +203,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         )
         self._lanes: deque[LaneMeasurement | None] = deque(maxlen=config.faults.latency + 1)
         self._at: RoadPoint = self._road.locate(x, y)
-        self.caption = Caption()
+        self.overlay = Overlay()
         self._sense()
         observation = self._observe()
         return observation, self._info({}, collision=False, off_road=False, success=False)
@@ -169,18 +215,21 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             drawn = int(rng.integers(self._track.stretches(config.route_length)))
             return self._track.stretch(int(options.get("stretch", drawn)), config.route_length)
         length = config.route_length + float(rng.uniform(-1.0, 1.0)) * config.route_spread
-        return Road.generate(rng, length, config.min_radius, config.max_radius)
+        return Road.generate(rng, length)
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, Info]:
         """Drive for one control period with a normalised action (2,)."""
-        wanted = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
-        return self.execute(self.limits.to_command(wanted))
+        bounded = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
+        return self.execute(self.limits.to_command(bounded))
 
     def execute(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Drive for one control period with a command [rad, m/s] as the actuators get it."""
+        if self._episode is None:
+            raise gymnasium.error.ResetNeeded("Call `reset` before `step` or `execute`.")
         dt = self.limits.dt
         before = self._command
         self._command = np.array(command, dtype=np.float64)
+        self._episode.steps.append((self._command, self.camera_on))
         self._traffic.step(dt, self._at, self._state.speed)
         steering, speed = self._lag.follow(self._command)
         self._vehicle.drive(float(steering), float(speed))
@@ -203,7 +252,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """The chase view (360, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        return chase_view(self._world, self.scene(), self._light, self.caption)
+        return chase_view(self._world, self.scene(), self._light, self.overlay)
 
     @property
     def brightness(self) -> float:
@@ -223,6 +272,31 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             self._scan,
             self._lidar.angles,
         )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy and pickle what makes the episode; the copy drives it again.
+
+        Bullet's own snapshots do not repeat a drive bit by bit.
+
+        Raises:
+            TypeError: The environment is closed.
+        """
+        if not self._world.is_open:
+            raise TypeError("A closed CityEnv can be neither copied nor pickled.")
+        kept = {name: value for name, value in vars(self).items() if name in _KEPT}
+        arguments = (self.config, self.limits, self.render_mode)
+        return type(self), arguments, copy.deepcopy((self._episode, kept))
+
+    def __setstate__(self, state: tuple[_Episode | None, dict[str, Any]]) -> None:
+        """Drive the copied episode again."""
+        episode, kept = state
+        if episode is not None:
+            self._np_random = episode.rng
+            self.camera_on = episode.camera_on
+            self.reset(options=episode.options)
+            for command, self.camera_on in episode.steps:
+                self.execute(command)
+        vars(self).update(kept)
 
     def _sense(self) -> None:
         """Read the true state, where it lies on the road and the noise-free scan."""
@@ -278,7 +352,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     def _home_gap(self) -> float:
         """Free distance in the home lane, ahead of the bumper or beside the car [m]."""
         gaps = [
-            max(0.0, o.s - 0.5 * o.size[0] - self._at.s - FRONT_BUMPER)
+            max(0.0, o.s - 0.5 * o.size[0] - self._at.s - GEOMETRY.front_bumper)
             for o in self._traffic.obstacles
             if abs(o.d - HOME_LANE) < 0.5 * LANE_WIDTH and o.s + 0.5 * o.size[0] > self._at.s
         ]

@@ -2,15 +2,42 @@
 
 from __future__ import annotations
 
+import os
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
 from irl_dal.envs.faults import FaultConfig
+from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.reward import RewardConfig
 from irl_dal.envs.track import Track, TrackError
 from irl_dal.envs.traffic import DENSITY
+from shield import ScannerGeometry
 
 __all__ = ["CityConfig"]
+
+SHORTEST_ROUTE, LONGEST_ROUTE = 80.0, 10_000.0
+"""[m]: room for one obstacle and the way back; the test for a road that meets itself takes time
+with the square of the length."""
+
+RANGES: Ranges = {
+    "route_length": (SHORTEST_ROUTE, LONGEST_ROUTE),
+    "route_spread": (0.0, LONGEST_ROUTE),
+    "min_brightness": (0.0, 1.0),
+    "max_brightness": (0.0, 1.0),
+    "initial_speed": (0.0, 50.0),  # the observation space ends there
+    "time_limit": (1.0, 1e5),
+    "collision_distance": (0.0, 100.0),
+    "obstacle_sight": (0.0, 1e3),
+    "image_size": (32, 1024),  # smaller ones have no line wider than a pixel
+    "image_noise": (0.0, 255.0),
+    "lidar_beams": (2, 16_384),  # Bullet's largest batch of rays
+    "lidar_range": (1.0, 1e3),
+    "lidar_noise": (0.0, 100.0),
+    "lidar_dropout": (0.0, 1.0),
+    "lane_offset_noise": (0.0, 100.0),
+}
+"""Admissible values, in the fields' units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +50,6 @@ class CityConfig:
             many metres.
         route_spread: How much longer or shorter a generated route may be [m].
         track: TUM centre-line CSV file to drive on; None draws a road from the seed.
-        min_radius: Smallest radius of the centre line [m].
-        max_radius: Largest radius of an arc [m].
         dynamics: physics (four wheels, tyres that slide) or kinematic (for quick tests).
         min_brightness: Darkest light, 0 is a dark evening.
         max_brightness: Brightest light, 1 is noon.
@@ -40,18 +65,17 @@ class CityConfig:
         lidar_dropout: Probability that a beam returns nothing.
         lane_sensor: camera measures in the image, odometry is the truth with noise.
         lane_offset_noise: Standard deviation of the odometry's lateral offset [m].
-        lane_heading_noise: Standard deviation of the odometry's heading error [rad].
-        lane_dropout: Probability that the odometry gives nothing in a step.
-        reward: Weights of the reward terms.
-        faults: What is wrong with sensors and actuators.
+        reward: Weights of the reward terms, or a mapping of them.
+        faults: Defects of sensors and actuators, or a mapping of them.
+
+    Raises:
+        ValueError: If a field is out of range, naming it and the value received.
     """
 
     difficulty: Literal["easy", "paper", "hard"] = "paper"
     route_length: float = 500.0
     route_spread: float = 100.0
     track: str | None = None
-    min_radius: float = 25.0
-    max_radius: float = 200.0
     dynamics: Literal["physics", "kinematic"] = "physics"
     min_brightness: float = 0.0
     max_brightness: float = 1.0
@@ -67,17 +91,30 @@ class CityConfig:
     lidar_dropout: float = 0.01
     lane_sensor: Literal["camera", "odometry"] = "camera"
     lane_offset_noise: float = 0.06
-    lane_heading_noise: float = 0.01
-    lane_dropout: float = 0.02
     reward: RewardConfig = field(default_factory=RewardConfig)
     faults: FaultConfig = field(default_factory=FaultConfig)
 
     def __post_init__(self) -> None:
-        """Refuse what cannot be, naming the field and the value received."""
+        """Take mappings for the nested parts and check every field."""
+        self._nest("reward", RewardConfig)
+        self._nest("faults", FaultConfig)
         self._check_choices()
-        self._check_numbers()
+        check_ranges(self, RANGES)
+        self._check_pairs()
         if self.track is not None:
             self._check_track(self.track)
+
+    @property
+    def scanner(self) -> ScannerGeometry:
+        """The LiDAR's geometry."""
+        return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range)
+
+    def _nest(self, name: str, kind: type[RewardConfig] | type[FaultConfig]) -> None:
+        value = getattr(self, name)
+        if isinstance(value, Mapping):
+            object.__setattr__(self, name, kind(**value))
+        elif not isinstance(value, kind):
+            raise ValueError(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
 
     def _check_choices(self) -> None:
         for name, choices in (
@@ -88,38 +125,28 @@ class CityConfig:
             if getattr(self, name) not in choices:
                 raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
 
+    def _check_pairs(self) -> None:
+        if self.min_brightness > self.max_brightness:
+            raise ValueError(
+                f"`min_brightness` must not exceed `max_brightness` = {self.max_brightness}. "
+                f"Got {self.min_brightness}."
+            )
+        if self.route_spread > self.route_length - SHORTEST_ROUTE:
+            raise ValueError(
+                f"`route_spread` must be at most {self.route_length - SHORTEST_ROUTE}, so that no "
+                f"route is shorter than {SHORTEST_ROUTE:g} m. Got {self.route_spread}."
+            )
+        if self.collision_distance >= self.lidar_range:
+            raise ValueError(
+                f"`collision_distance` must be below `lidar_range` = {self.lidar_range}. "
+                f"Got {self.collision_distance}."
+            )
+
     def _check_track(self, track: str) -> None:
+        if not isinstance(track, (str, os.PathLike)):
+            raise ValueError(f"`track` must be the path of a file. Got {track!r}.")
+        object.__setattr__(self, "track", os.fspath(track))
         try:
             Track.read(track).stretch(0, self.route_length)
         except TrackError as error:
             raise ValueError(f"`track` {error}") from None
-
-    def _check_numbers(self) -> None:
-        for name in (
-            "route_length",
-            "min_radius",
-            "time_limit",
-            "lidar_range",
-            "image_size",
-            "lidar_beams",
-        ):
-            if not getattr(self, name) > 0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        for name in ("lidar_dropout", "lane_dropout", "min_brightness", "max_brightness"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"`{name}` must lie in [0, 1]. Got {getattr(self, name)}.")
-        for low, high in (("min_radius", "max_radius"), ("min_brightness", "max_brightness")):
-            if getattr(self, low) > getattr(self, high):
-                raise ValueError(
-                    f"`{low}` must not exceed `{high}`. "
-                    f"Got {getattr(self, low)} and {getattr(self, high)}."
-                )
-        if self.route_length < 80.0:
-            raise ValueError(f"`route_length` must be at least 80 m. Got {self.route_length}.")
-        if not 0.0 <= self.route_spread <= self.route_length - 80.0:
-            raise ValueError(
-                f"`route_spread` must lie in [0, {self.route_length - 80.0}], so that no route is "
-                f"shorter than 80 m. Got {self.route_spread}."
-            )
-        if self.min_radius < 25.0:
-            raise ValueError(f"`min_radius` must be at least 25 m. Got {self.min_radius}.")

@@ -9,12 +9,27 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.envs.arrays import Observation
+from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.vehicle import SERVO_RATE
 
 __all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
 
-MAX_LATENCY = 5
-"""Longest latency that can be asked for [steps]."""
+FAULT_TIME = 1.0
+"""Length of one freeze of the camera and of one burst of noise [s]."""
+
+BURST_RANGE, BURST_PIXEL = 1.0, 10.0
+"""Standard deviation in a burst, of a range [m] and of a pixel [1/255]."""
+
+SHORTEST_STUCK = 2.0
+"""Shortest range at which a beam is stuck [m]: nearer ones would be collisions."""
+
+RANGES: Ranges = {
+    **dict.fromkeys(("dead_beams", "stuck_beams", "frozen_camera", "noise_bursts"), (0.0, 1.0)),
+    "latency": (0, 5),
+    "actuator_lag": (0.0, 10.0),
+    "servo_rate": (0.01, 100.0),
+}
+"""Admissible values, in the fields' units."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -24,40 +39,28 @@ class FaultConfig:
     Attributes:
         dead_beams: Share of LiDAR beams that never return anything.
         stuck_beams: Share of LiDAR beams that always return one and the same range.
-        frozen_camera: Share of the time in which the image stands still.
-        freeze_time: Length of one freeze [s].
-        noise_bursts: Share of the time in which image and LiDAR are noisy.
-        burst_time: Length of one burst [s].
-        burst_noise: Standard deviation then: of a range [m], and of a pixel in 1/25 of its range.
+        frozen_camera: Share of the time in which the image stands still, `FAULT_TIME` each.
+        noise_bursts: Share of the time in which image and LiDAR are noisy, `FAULT_TIME` each.
         latency: Age of every observation [steps].
         actuator_lag: Time constant with which the actuators follow commands [s].
         servo_rate: Turning rate of the steering servo [rad/s]; 1.2 when healthy, 0.6 is what the
             shield counts on.
+
+    Raises:
+        ValueError: If a field is out of range, naming it and the value received.
     """
 
     dead_beams: float = 0.0
     stuck_beams: float = 0.0
     frozen_camera: float = 0.0
-    freeze_time: float = 1.0
     noise_bursts: float = 0.0
-    burst_time: float = 1.0
-    burst_noise: float = 1.0
     latency: int = 0
     actuator_lag: float = 0.0
     servo_rate: float = SERVO_RATE
 
     def __post_init__(self) -> None:
-        for name in ("dead_beams", "stuck_beams", "frozen_camera", "noise_bursts"):
-            if not 0.0 <= getattr(self, name) <= 1.0:
-                raise ValueError(f"`{name}` must lie in [0, 1]. Got {getattr(self, name)}.")
-        for name in ("freeze_time", "burst_time", "servo_rate"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        for name in ("burst_noise", "actuator_lag"):
-            if not getattr(self, name) >= 0.0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        if not 0 <= self.latency <= MAX_LATENCY:
-            raise ValueError(f"`latency` must lie in [0, {MAX_LATENCY}]. Got {self.latency}.")
+        """Check every field."""
+        check_ranges(self, RANGES)
 
 
 FAULTS: dict[str, FaultConfig] = {
@@ -101,7 +104,9 @@ class SensorFaults:
         dead, stuck = round(config.dead_beams * beams), round(config.stuck_beams * beams)
         self._dead = order[:dead]
         self._stuck = order[dead : dead + stuck]
-        self._stuck_at = rng.uniform(2.0, max_range, len(self._stuck)).astype(np.float32)
+        self._stuck_at = rng.uniform(
+            min(SHORTEST_STUCK, max_range), max_range, len(self._stuck)
+        ).astype(np.float32)
         self._queue: deque[Observation] = deque(maxlen=config.latency + 1)
         self._frozen_for = self._burst_for = 0
         self._image: NDArray[np.uint8] | None = None
@@ -109,13 +114,13 @@ class SensorFaults:
     def apply(self, observation: Observation) -> Observation:
         """The observation as the faulty sensors give it."""
         config = self._config
-        self._frozen_for = self._next(self._frozen_for, config.frozen_camera, config.freeze_time)
-        self._burst_for = self._next(self._burst_for, config.noise_bursts, config.burst_time)
+        self._frozen_for = self._next(self._frozen_for, config.frozen_camera)
+        self._burst_for = self._next(self._burst_for, config.noise_bursts)
         image, lidar = observation["image"], observation["lidar"]
         if self._burst_for:
-            grain = self._rng.normal(0.0, 10.0 * config.burst_noise, image.shape)
+            grain = self._rng.normal(0.0, BURST_PIXEL, image.shape)
             image = np.clip(image + grain, 0.0, 255.0).astype(np.uint8)
-            blur = self._rng.normal(0.0, config.burst_noise, lidar.shape)
+            blur = self._rng.normal(0.0, BURST_RANGE, lidar.shape)
             lidar = np.clip(lidar + blur, 0.0, self._max_range).astype(np.float32)
         if len(self._dead) or len(self._stuck):
             lidar = lidar.copy()
@@ -127,13 +132,13 @@ class SensorFaults:
         self._queue.append({**observation, "image": image, "lidar": lidar})
         return self._queue[0]
 
-    def _next(self, left: int, share: float, duration: float) -> int:
+    def _next(self, left: int, share: float) -> int:
         """Steps that an intermittent fault still lasts."""
         if share == 0.0:
             return 0
         if left > 1:
             return left - 1
-        steps = max(1, round(duration / self._dt))
+        steps = max(1, round(FAULT_TIME / self._dt))
         begins = share >= 1.0 or self._rng.random() < share / (steps * (1.0 - share))
         return steps if begins else 0
 

@@ -12,45 +12,53 @@ from dataclasses import dataclass
 import numpy as np
 
 from expert.modes import Mode
+from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.road import LANE_WIDTH
+
+BASELINE = 0.1
+"""For every step that is not a near miss: a calm standstill still beats a near miss."""
+
+CLEARANCE, NEAR_MISS = 0.4, 0.5
+"""Largest loss for being close to an obstacle, and loss of a step that is a near miss: together
+they outweigh the progress of a step."""
+
+SMOOTHNESS = 0.1
+"""Loss for a steering rate of 1 rad/s."""
+
+REFERENCE_SPEED = 8.0
+"""Earns the whole of `progress` [m/s]: the expert's cruising speed."""
+
+CENTRING_WIDTH = 0.6
+"""Offset at which centring has fallen to 1/e [m]: a third of a car's width."""
+
+NEAR_MISS_DISTANCE = 1.5
+"""Clearance below which a step is a near miss [m], half a metre above d_collision."""
+
+RELAXED = 0.5
+"""Share of the clearance loss while no obstacle is being passed."""
+
+RANGES: Ranges = dict.fromkeys(("progress", "centring", "crash", "goal"), (0.0, 1e6))
 
 
 @dataclass(frozen=True, slots=True)
 class RewardConfig:
-    """Weights of the reward terms, all per step unless stated.
+    """Weights of the reward terms that a user turns; the others are constants above.
 
     Attributes:
-        baseline: For every step that is not a near miss.
-        progress: For driving along the road at `reference_speed`.
-        reference_speed: Speed that earns the whole of `progress` [m/s].
-        centring: For being in the middle of the lane that the mode asks for.
-        centring_width: Offset at which centring has fallen to 1/e [m].
-        clearance: Largest loss for being close to an obstacle.
-        near_miss_distance: Clearance below which a step is a near miss [m].
-        near_miss: Loss of a step that is a near miss.
-        smoothness: Loss for a steering rate of 1 rad/s.
-        collision: Loss, once.
-        off_road: Loss, once.
-        goal: Gain, once.
+        progress: For a step along the road at `REFERENCE_SPEED`.
+        centring: For a step in the middle of the lane that the mode asks for.
+        crash: Loss for a collision or for leaving the road, once.
+        goal: Gain for the goal, once.
     """
 
-    baseline: float = 0.1
     progress: float = 0.5
-    reference_speed: float = 8.0
     centring: float = 0.4
-    centring_width: float = 0.6
-    clearance: float = 0.4
-    near_miss_distance: float = 1.5
-    near_miss: float = 0.5
-    smoothness: float = 0.1
-    collision: float = 20.0
-    off_road: float = 20.0
+    crash: float = 20.0
     goal: float = 20.0
 
     def __post_init__(self) -> None:
-        for name in ("reference_speed", "centring_width", "near_miss_distance"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        """Check every weight."""
+        check_ranges(self, RANGES)
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,17 +104,17 @@ def reward_terms(config: RewardConfig, now: Situation) -> dict[str, float]:
     """Every term of the reward; the reward is their sum."""
     off_centre = _off_centre(now)
     watchful = now.mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT)
-    closeness = float(np.clip(1.0 - now.clearance / (2.0 * config.near_miss_distance), 0.0, 1.0))
-    near_miss = now.clearance < config.near_miss_distance
+    closeness = float(np.clip(1.0 - now.clearance / (2.0 * NEAR_MISS_DISTANCE), 0.0, 1.0))
+    near_miss = now.clearance < NEAR_MISS_DISTANCE
     return {
-        "baseline": 0.0 if near_miss else config.baseline,
-        "progress": config.progress * float(np.clip(now.speed / config.reference_speed, -1.0, 1.0)),
-        "centring": config.centring * float(np.exp(-((off_centre / config.centring_width) ** 2))),
-        "clearance": -config.clearance * closeness * (1.0 if watchful else 0.5),
-        "near_miss": -config.near_miss if near_miss else 0.0,
-        "smoothness": -config.smoothness * abs(now.steering_rate),
-        "collision": -config.collision if now.collision else 0.0,
-        "off_road": -config.off_road if now.off_road else 0.0,
+        "baseline": 0.0 if near_miss else BASELINE,
+        "progress": config.progress * float(np.clip(now.speed / REFERENCE_SPEED, -1.0, 1.0)),
+        "centring": config.centring * float(np.exp(-((off_centre / CENTRING_WIDTH) ** 2))),
+        "clearance": -CLEARANCE * closeness * (1.0 if watchful else RELAXED),
+        "near_miss": -NEAR_MISS if near_miss else 0.0,
+        "smoothness": -SMOOTHNESS * abs(now.steering_rate),
+        "collision": -config.crash if now.collision else 0.0,
+        "off_road": -config.crash if now.off_road else 0.0,
         "goal": config.goal if now.success else 0.0,
     }
 

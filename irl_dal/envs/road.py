@@ -11,12 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from irl_dal.envs.arrays import Array
+from shield import LaneGeometry
 
 SPACING = 0.5
 """Distance between two points of the centre line [m]."""
 
-LANE_WIDTH = 3.5
-"""[m], the usual width of an urban main road's lane."""
+LANE_WIDTH = LaneGeometry().width
+"""[m]"""
 
 LANES_PER_DIRECTION = 2
 
@@ -35,8 +36,35 @@ LEAD_IN = 25.0
 LEAD_OUT = 90.0
 """Road beyond the goal [m]: as far as the camera sees."""
 
-_ATTEMPTS = 200
-"""Roads drawn before it is said that none fits; about one in thirty meets itself."""
+MAX_ATTEMPTS = 200
+"""Roads drawn before giving up; about one in thirty of 500 m meets itself."""
+
+MIN_RADIUS, MAX_RADIUS = 25.0, 200.0
+"""Radii of the arcs [m]: at 25 m the passing lane bends with 18 m, 4 m/s^2 at 8 m/s."""
+
+STRAIGHTS = (10.0, 45.0)
+"""Length of a straight between two bends [m]."""
+
+TRANSITION, MIN_ARC = 15.0, 4.0
+"""Length over which the curvature of a bend rises and falls, and of its shortest arc [m]."""
+
+TURNS = np.deg2rad((15.0, 75.0))
+"""Change of direction of a bend [rad]."""
+
+MAX_HEADING = np.deg2rad(50.0)
+"""Away from the first heading [rad]: then the next bend leads back to it, so that few roads meet
+themselves."""
+
+APART, KEPT = 60.0, 32.0
+"""Points this far apart along the road [m] keep this distance on the ground [m]: two roads' widths
+and a house between them."""
+
+HINT_REACH = 30
+"""Points of the centre line on both sides of a hint that are searched: 15 m."""
+
+MIN_STRETCH = 0.2
+"""Smallest ratio of lengths at an offset and on the centre line: beyond the centre of a bend there
+is none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,27 +118,22 @@ class Road:
             array.setflags(write=False)
 
     @classmethod
-    def generate(
-        cls, rng: np.random.Generator, length: float, min_radius: float, max_radius: float
-    ) -> Road:
+    def generate(cls, rng: np.random.Generator, length: float) -> Road:
         """Draw straights, arcs and transitions until the road meets itself nowhere.
 
         Args:
             rng: Source of the draws.
             length: Distance from start to goal [m].
-            min_radius: Smallest radius of the centre line [m].
-            max_radius: Largest radius of an arc [m].
 
         Raises:
-            ValueError: No such road was found.
+            ValueError: `MAX_ATTEMPTS` roads met themselves.
         """
-        for _ in range(_ATTEMPTS):
-            road = cls._from_curvature(_profile(rng, length, min_radius, max_radius), length)
+        for _ in range(MAX_ATTEMPTS):
+            road = cls._from_curvature(_profile(rng, length), length)
             if road.is_simple():
                 return road
         raise ValueError(
-            f"`route_length` {length} m: no road that does not meet itself was found with "
-            f"`min_radius` {min_radius} and `max_radius` {max_radius} m."
+            f"`route_length` {length} m is too long: {MAX_ATTEMPTS} roads met themselves."
         )
 
     @classmethod
@@ -123,11 +146,11 @@ class Road:
         return cls(np.stack([x, y], axis=1), heading, curvature, length)
 
     def is_simple(self) -> bool:
-        """Whether points 60 m apart along the road keep 32 m on the ground."""
+        """Whether points `APART` along the road keep `KEPT` on the ground."""
         points, s = self.points[::8], self.s[::8]
         gap = np.abs(points[:, None] - points[None])
-        near = np.einsum("ijk,ijk->ij", gap, gap) < 32.0**2
-        return not bool((near & (np.abs(s[:, None] - s[None]) > 60.0)).any())
+        near = np.einsum("ijk,ijk->ij", gap, gap) < KEPT**2
+        return not bool((near & (np.abs(s[:, None] - s[None]) > APART)).any())
 
     def locate(self, x: float, y: float, hint: int | None = None) -> RoadPoint:
         """Find the nearest point of the centre line.
@@ -139,7 +162,7 @@ class Road:
         """
         low, high = 0, len(self.s)
         if hint is not None:
-            low, high = max(0, hint - 30), min(len(self.s), hint + 31)
+            low, high = max(0, hint - HINT_REACH), min(len(self.s), hint + HINT_REACH + 1)
         gap = self.points[low:high] - (x, y)
         index = low + int(np.argmin(np.einsum("ij,ij->i", gap, gap)))
         heading = float(self.heading[index])
@@ -147,7 +170,7 @@ class Road:
         along = float(np.cos(heading) * dx + np.sin(heading) * dy)
         left = float(-np.sin(heading) * dx + np.cos(heading) * dy)
         curvature = float(self.curvature[index])
-        along /= max(0.2, 1.0 - curvature * left)
+        along /= max(MIN_STRETCH, 1.0 - curvature * left)
         return RoadPoint(
             s=float(self.s[index]) + along,
             d=left,
@@ -187,20 +210,19 @@ def stations(start: float, stop: float, step: float) -> Array:
     return np.linspace(start, stop, max(2, round((stop - start) / step) + 1))
 
 
-def _profile(
-    rng: np.random.Generator, length: float, min_radius: float, max_radius: float
-) -> Array:
-    """Curvature every 0.5 m; bends turn back to the first heading once they are 50 degrees off."""
+def _profile(rng: np.random.Generator, length: float) -> Array:
+    """Curvature every 0.5 m: bends that turn back to the first heading from `MAX_HEADING` on."""
     total = LEAD_IN + length + LEAD_OUT
-    profile = [np.zeros(int((LEAD_IN + 15.0) / SPACING))]
-    heading, covered = 0.0, LEAD_IN + 15.0
+    covered = LEAD_IN + TRANSITION
+    profile = [np.zeros(int(covered / SPACING))]
+    heading = 0.0
+    ramp = np.linspace(0.0, 1.0, int(TRANSITION / SPACING), endpoint=False)
     while covered < total:
-        straight = np.zeros(int(rng.uniform(10.0, 45.0) / SPACING))
-        radius = float(np.exp(rng.uniform(np.log(min_radius), np.log(max_radius))))
-        sign = -np.sign(heading) if abs(heading) > np.deg2rad(50.0) else rng.choice([-1.0, 1.0])
-        angle = rng.uniform(np.deg2rad(15.0), np.deg2rad(75.0))
-        ramp = np.linspace(0.0, 1.0, int(15.0 / SPACING), endpoint=False)
-        arc = np.ones(int(max(radius * angle - 15.0, 4.0) / SPACING))
+        straight = np.zeros(int(rng.uniform(*STRAIGHTS) / SPACING))
+        radius = float(np.exp(rng.uniform(np.log(MIN_RADIUS), np.log(MAX_RADIUS))))
+        sign = -np.sign(heading) if abs(heading) > MAX_HEADING else rng.choice([-1.0, 1.0])
+        angle = rng.uniform(*TURNS)
+        arc = np.ones(int(max(radius * angle - TRANSITION, MIN_ARC) / SPACING))
         bend = sign / radius * np.concatenate([ramp, arc, ramp[::-1]])
         heading += float(bend.sum() * SPACING)
         profile += [straight, bend]

@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from irl_dal.envs.arrays import Array
 from irl_dal.envs.road import HOME_LANE, Road, RoadPoint
-from irl_dal.envs.vehicle import FRONT_BUMPER, VehicleState
+from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
-from shield import LaneMeasurement
+from shield import LaneMeasurement, ScannerGeometry
 
 
 class Lidar:
@@ -17,8 +17,7 @@ class Lidar:
 
     Args:
         world: World to scan.
-        beams: Number of beams over 180 degrees, beam 0 at the right, counter-clockwise.
-        max_range: Range [m], also the reading where nothing is hit.
+        geometry: Beams, field of view, range and mount.
         noise: Standard deviation of a reading [m].
         dropout: Probability that a beam returns nothing.
     """
@@ -26,19 +25,23 @@ class Lidar:
     HEIGHT = 0.6
     """Above the ground [m]: over the kerbs, under the bonnet's edge."""
 
+    GAP = 0.01
+    """From the mount to where the rays begin [m], outside the car's own body."""
+
     def __init__(
-        self, world: World, beams: int, max_range: float, noise: float, dropout: float
+        self, world: World, geometry: ScannerGeometry, noise: float, dropout: float
     ) -> None:
         self._world = world
         self._noise = noise
         self._dropout = dropout
-        self.max_range = max_range
-        self.angles: Array = np.linspace(-0.5 * np.pi, 0.5 * np.pi, beams)
+        self._mount = geometry.mount
+        self.max_range = geometry.max_range
+        self.angles: Array = geometry.angles
 
     def scan(self, state: VehicleState) -> Array:
         """Noise-free ranges (beams,) [m]."""
         ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
-        origin = np.array([state.x, state.y]) + (FRONT_BUMPER + 0.01) * ahead
+        origin = np.array([state.x, state.y]) + (self._mount + self.GAP) * ahead
         bearing = state.yaw + self.angles
         ends = np.empty((len(bearing), 3))
         ends[:, 0] = origin[0] + self.max_range * np.cos(bearing)
@@ -104,20 +107,20 @@ class LaneSensor:
     Args:
         road: The road that is measured.
         offset_noise: Standard deviation of the lateral offset [m].
-        heading_noise: Standard deviation of the heading error [rad].
-        dropout: Probability that a measurement is missing.
     """
 
     PREVIEW = 25.0
     """[m]"""
 
-    def __init__(
-        self, road: Road, offset_noise: float, heading_noise: float, dropout: float
-    ) -> None:
+    HEADING_NOISE, CURVATURE_NOISE = 0.01, 1e-3
+    """Standard deviations of the heading error [rad] and of the curvature [1/m]."""
+
+    DROPOUT = 0.02
+    """Probability that a measurement is missing."""
+
+    def __init__(self, road: Road, offset_noise: float) -> None:
         self._road = road
         self._offset_noise = offset_noise
-        self._heading_noise = heading_noise
-        self._dropout = dropout
         self._ahead = np.arange(0.0, self.PREVIEW + 0.5, 1.0)
         terms = np.stack([self._ahead, 0.5 * self._ahead**2], axis=1)
         self._fit = np.linalg.pinv(terms)
@@ -127,15 +130,15 @@ class LaneSensor:
     ) -> LaneMeasurement | None:
         """Lane pose relative to the home lane's centre; None where the sensor misses it."""
         noise = rng.normal(size=3)
-        if rng.random() < self._dropout:
+        if rng.random() < self.DROPOUT:
             return None
         stretch = 1.0 - HOME_LANE * at.curvature
         heading = np.interp(at.s + self._ahead / stretch, self._road.s, self._road.heading)
         curvature, rate = self._fit @ (heading - at.heading)
         return LaneMeasurement(
             lateral_offset=at.d - HOME_LANE + self._offset_noise * noise[0],
-            heading_error=wrap(state.yaw - at.heading) + self._heading_noise * noise[1],
-            curvature=float(curvature) + 1e-3 * noise[2],
+            heading_error=wrap(state.yaw - at.heading) + self.HEADING_NOISE * noise[1],
+            curvature=float(curvature) + self.CURVATURE_NOISE * noise[2],
             curvature_rate=float(rate),
         )
 

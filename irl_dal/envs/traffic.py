@@ -15,7 +15,7 @@ import numpy as np
 
 from irl_dal.envs.pedestrian import Crossing, draw_crossing
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
-from irl_dal.envs.vehicle import FRONT_BUMPER, REAR_OVERHANG
+from irl_dal.envs.vehicle import GEOMETRY
 from irl_dal.envs.world import Colour, World
 
 ACTIVE = 85.0
@@ -134,7 +134,7 @@ class Traffic:
         """
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
-                gap = obstacle.s - ego.s - FRONT_BUMPER
+                gap = obstacle.s - ego.s - GEOMETRY.front_bumper
                 wait = any(self._keeps_waiting(car, obstacle.s) for car in self.obstacles)
                 obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
@@ -163,7 +163,7 @@ class Traffic:
             and other.d > -HALF_WIDTH
         ]
         if way > 0.0 and ego.s > car.s and abs(ego.d - car.d) < 0.75 * LANE_WIDTH:
-            gaps.append(ego.s - REAR_OVERHANG - car.s - 0.5 * car.size[0])
+            gaps.append(ego.s - GEOMETRY.rear_overhang - car.s - 0.5 * car.size[0])
         wanted = abs(car.cruise)
         if gaps:
             wanted = min(wanted, max(0.0, (min(gaps) - self.STANDOFF) / self.HEADWAY))

@@ -11,23 +11,22 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from irl_dal.envs.world import World
+from shield import ActuatorLimits, VehicleGeometry
 
-WHEELBASE = 2.7
-TRACK = 1.6
-WHEEL_RADIUS = 0.33
-LENGTH = 4.5
-WIDTH = 1.8
-FRONT_BUMPER = 3.6
-"""From the rear axle to the front bumper [m]."""
+WHEELBASE = ActuatorLimits().wheelbase
+"""[m], where no other is asked for."""
 
-REAR_OVERHANG = LENGTH - FRONT_BUMPER
-"""From the rear axle to the rear bumper [m]."""
+GEOMETRY = VehicleGeometry()
+"""Outline of the ego car."""
+
+TRACK, WHEEL_RADIUS = 1.6, 0.33
+"""Of the body in `car.urdf` [m]."""
+
+BASE_HEIGHT = 0.45
+"""Of the centre of mass above the ground [m], in `car.urdf`."""
 
 MASS = 1500.0
 """With the wheels [kg]."""
-
-CENTRE_OF_MASS = 1.35
-"""From the rear axle [m]; where Bullet keeps the base frame."""
 
 DRIVE_ACCELERATION = 6.0
 BRAKE_DECELERATION = 8.0
@@ -69,14 +68,34 @@ class Vehicle:
 
     Args:
         world: Physics in which it drives.
+        wheelbase: Distance between the axles [m].
         servo_rate: Turning rate of the steering hinges [rad/s].
+
+    Raises:
+        ValueError: The front axle would lie before the bumper.
     """
 
-    def __init__(self, world: World, servo_rate: float = SERVO_RATE) -> None:
+    def __init__(
+        self, world: World, wheelbase: float = WHEELBASE, servo_rate: float = SERVO_RATE
+    ) -> None:
+        if wheelbase >= GEOMETRY.front_bumper:
+            raise ValueError(
+                f"`wheelbase` must be below {GEOMETRY.front_bumper} m, where the front bumper is. "
+                f"Got {wheelbase}."
+            )
         self._world = world
+        self._wheelbase = wheelbase
+        # Halfway between the axles, where Bullet keeps the base frame [m].
+        self._centre = 0.5 * wheelbase
         self._servo_rate = servo_rate
         self._speed = 0.0
-        self.body = world.car()
+        self.body = world.car(
+            wheelbase=wheelbase,
+            centre_of_mass=self._centre,
+            middle=GEOMETRY.front_bumper - 0.5 * GEOMETRY.length,
+            length=GEOMETRY.length,
+            width=GEOMETRY.width,
+        )
         joints = world.joints(self.body)
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
         self._spin = [
@@ -88,8 +107,8 @@ class Vehicle:
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        at = np.array([x, y]) + CENTRE_OF_MASS * ahead
-        self._world.move(self.body, (float(at[0]), float(at[1]), 0.45), yaw)
+        at = np.array([x, y]) + self._centre * ahead
+        self._world.move(self.body, (float(at[0]), float(at[1]), BASE_HEIGHT), yaw)
         self._world.set_velocity(self.body, (*(speed * ahead).tolist(), 0.0))
         for joint in self._steer:
             self._world.set_joint(self.body, joint, 0.0, 0.0)
@@ -108,15 +127,16 @@ class Vehicle:
             steering: Angle of the bicycle's front wheel [rad].
             speed: Speed of the rear axle's middle [m/s].
         """
-        curvature = float(np.tan(steering)) / WHEELBASE
+        wheelbase = self._wheelbase
+        curvature = float(np.tan(steering)) / wheelbase
         half = 0.5 * TRACK
         for joint, y in zip(self._steer, (half, -half), strict=True):
-            angle = float(np.arctan2(WHEELBASE * curvature, 1.0 - y * curvature))
+            angle = float(np.arctan2(wheelbase * curvature, 1.0 - y * curvature))
             self._world.hinge(self.body, joint, angle, self._servo_rate, SERVO_TORQUE)
         faster = speed > self._speed
         pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
         torque = 0.25 * MASS * pull * WHEEL_RADIUS
-        wheels = ((WHEELBASE, half), (WHEELBASE, -half), (0.0, half), (0.0, -half))
+        wheels = ((wheelbase, half), (wheelbase, -half), (0.0, half), (0.0, -half))
         for joint, (x, y) in zip(self._spin, wheels, strict=True):
             own = speed * float(np.hypot(1.0 - y * curvature, x * curvature))
             self._world.spin(self.body, joint, own / WHEEL_RADIUS, torque)
@@ -141,7 +161,7 @@ class Vehicle:
         linear, angular = self._world.velocity(self.body)
         yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        rear = position[:2] - CENTRE_OF_MASS * ahead
+        rear = position[:2] - self._centre * ahead
         self._speed = float(ahead @ linear[:2])
         sideways = float(-ahead[1] * linear[0] + ahead[0] * linear[1])
         return VehicleState(
@@ -150,7 +170,7 @@ class Vehicle:
             yaw=yaw,
             speed=self._speed,
             yaw_rate=float(angular[2]),
-            lateral_speed=sideways - CENTRE_OF_MASS * float(angular[2]),
+            lateral_speed=sideways - self._centre * float(angular[2]),
         )
 
 
@@ -162,27 +182,30 @@ class KinematicVehicle(Vehicle):
 
     Args:
         world: World in which it is seen.
+        wheelbase: Distance between the axles [m].
         servo_rate: Turning rate of the steering [rad/s].
     """
 
     STEPS = 10
     """Integration steps in one call of `advance`."""
 
-    def __init__(self, world: World, servo_rate: float = SERVO_RATE) -> None:
-        super().__init__(world, servo_rate)
+    def __init__(
+        self, world: World, wheelbase: float = WHEELBASE, servo_rate: float = SERVO_RATE
+    ) -> None:
+        super().__init__(world, wheelbase, servo_rate)
         self._state = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._angle = 0.0
-        self._wanted = 0.0
+        self._target = 0.0
 
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
         self._state = VehicleState(x, y, yaw, speed, 0.0, 0.0)
-        self._angle = self._wanted = 0.0
+        self._angle = self._target = 0.0
         self._show()
 
     def drive(self, steering: float, speed: float) -> None:
         """Take a command [rad, m/s]; the speed is there at once."""
-        self._wanted = steering
+        self._target = steering
         self._state = replace(self._state, speed=speed)
 
     def advance(self, duration: float) -> None:
@@ -192,8 +215,8 @@ class KinematicVehicle(Vehicle):
         x, y, yaw, rate = now.x, now.y, now.yaw, 0.0
         for _ in range(self.STEPS):
             change = self._servo_rate * dt
-            self._angle += float(np.clip(self._wanted - self._angle, -change, change))
-            rate = now.speed * float(np.tan(self._angle)) / WHEELBASE
+            self._angle += float(np.clip(self._target - self._angle, -change, change))
+            rate = now.speed * float(np.tan(self._angle)) / self._wheelbase
             middle = yaw + 0.5 * rate * dt
             x += now.speed * dt * float(np.cos(middle))
             y += now.speed * dt * float(np.sin(middle))
@@ -215,6 +238,6 @@ class KinematicVehicle(Vehicle):
 
     def _show(self) -> None:
         now = self._state
-        ahead = CENTRE_OF_MASS * np.array([np.cos(now.yaw), np.sin(now.yaw)])
-        at = (now.x + float(ahead[0]), now.y + float(ahead[1]), 0.45)
+        ahead = self._centre * np.array([np.cos(now.yaw), np.sin(now.yaw)])
+        at = (now.x + float(ahead[0]), now.y + float(ahead[1]), BASE_HEIGHT)
         self._world.move(self.body, at, now.yaw)

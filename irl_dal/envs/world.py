@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 import os
+import string
 import sys
+import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import resources
+from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,9 +39,12 @@ with _quiet():  # it tells its build time on stderr
 
 Colour = tuple[float, float, float]
 
-PHYSICS_STEP = 1.0 / 80.0
-"""Integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s RMS of
-the bicycle's; Bullet's usual 1/240 s with 50 iterations gives 0.004 for six times the cost."""
+MAX_PHYSICS_STEP = 1.0 / 80.0
+"""Longest integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s
+RMS of the bicycle's; Bullet's usual 1/240 s with 50 iterations: 0.004 for six times the cost."""
+
+ROUNDING = 1e-9
+"""Share of a step by which a duration may exceed whole steps: the error of a division."""
 
 SOLVER_ITERATIONS = 20
 """Of Bullet's constraint solver: with ten, the wheels stay 0.1 m/s below their set-point."""
@@ -137,6 +145,7 @@ class World:
 
     def __init__(self) -> None:
         self._client: int = pybullet.connect(pybullet.DIRECT)
+        self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()
         self._indices: list[int] = []
 
@@ -144,9 +153,10 @@ class World:
         """Remove every body and start again with gravity and flat, invisible ground."""
         c = self._client
         pybullet.resetSimulation(physicsClientId=c)
+        self._step = math.nan
         pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=c)
+        self._set_step(MAX_PHYSICS_STEP)
         pybullet.setPhysicsEngineParameter(
-            fixedTimeStep=PHYSICS_STEP,
             deterministicOverlappingPairs=1,
             numSolverIterations=SOLVER_ITERATIONS,
             physicsClientId=c,
@@ -162,6 +172,18 @@ class World:
         floor = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=c)
         pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=c)
 
+    def __reduce__(self) -> NoReturn:
+        """Refuse copies and pickles: the engine's state is not Python's."""
+        raise TypeError(
+            "A physics world can be neither copied nor pickled. Copy its `CityEnv`, which drives "
+            "its episode again."
+        )
+
+    @property
+    def is_open(self) -> bool:
+        """Whether the engine is still there."""
+        return self._client >= 0
+
     def close(self) -> None:
         """Leave the engine; calling it twice is harmless."""
         if self._client >= 0:
@@ -169,9 +191,17 @@ class World:
             self._client = -1
 
     def step(self, duration: float) -> None:
-        """Advance the physics by `duration` [s], rounded to whole steps of `PHYSICS_STEP`."""
-        for _ in range(max(1, round(duration / PHYSICS_STEP))):
+        """Advance the physics by exactly `duration` [s], in the fewest equal steps."""
+        count = max(1, math.ceil(duration / MAX_PHYSICS_STEP - ROUNDING))
+        self._set_step(duration / count)
+        for _ in range(count):
             pybullet.stepSimulation(physicsClientId=self._client)
+
+    def _set_step(self, step: float) -> None:
+        """Let one step of the engine last `step` [s]."""
+        if step != self._step:
+            pybullet.setPhysicsEngineParameter(fixedTimeStep=step, physicsClientId=self._client)
+            self._step = step
 
     # Bodies
 
@@ -223,9 +253,16 @@ class World:
             )
         )
 
-    def car(self) -> int:
-        """Load the ego vehicle's URDF; its base frame is the rear axle on the ground."""
-        with resources.as_file(resources.files("irl_dal.envs") / "car.urdf") as path:
+    def car(self, **dimensions: float) -> int:
+        """Load the ego vehicle's URDF; its base frame is the rear axle on the ground.
+
+        Args:
+            **dimensions: Values of the names in the file [m].
+        """
+        text = (resources.files("irl_dal.envs") / "car.urdf").read_text(encoding="utf-8")
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "car.urdf"
+            path.write_text(string.Template(text).substitute(dimensions), encoding="utf-8")
             return int(
                 pybullet.loadURDF(
                     str(path),

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from irl_dal.envs import Scene
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH
-from irl_dal.envs.vehicle import FRONT_BUMPER, LENGTH, REAR_OVERHANG, WIDTH, VehicleState
+from irl_dal.envs.vehicle import GEOMETRY, VehicleState
 from irl_dal.figures.style import PALETTE
 
 __all__ = ["TopView"]
@@ -90,7 +90,9 @@ class TopView:
         self._plan.set_data(*_in_view(vehicle, np.empty((0, 2)) if plan is None else plan).T)
         hit = scene.scan < self._lidar_range
         reach, bearing = scene.scan[hit], scene.angles[hit]
-        self._scan.set_data(-reach * np.sin(bearing), FRONT_BUMPER + reach * np.cos(bearing))
+        self._scan.set_data(
+            -reach * np.sin(bearing), GEOMETRY.front_bumper + reach * np.cos(bearing)
+        )
 
     def _move_road(self, scene: Scene) -> None:
         road, vehicle = scene.road, scene.vehicle
@@ -119,8 +121,8 @@ def _in_view(vehicle: VehicleState, points: Array) -> Array:
 
 
 def _ego_corners(vehicle: VehicleState) -> Array:
-    front = LENGTH - REAR_OVERHANG
-    return _corners(vehicle.x, vehicle.y, vehicle.yaw, -REAR_OVERHANG, front, WIDTH)
+    rear, front = -GEOMETRY.rear_overhang, GEOMETRY.front_bumper
+    return _corners(vehicle.x, vehicle.y, vehicle.yaw, rear, front, GEOMETRY.width)
 
 
 def _corners(x: float, y: float, yaw: float, rear: float, front: float, width: float) -> Array:

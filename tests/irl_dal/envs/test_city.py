@@ -1,15 +1,21 @@
 """The city keeps gymnasium's contract, is reproducible, and ends episodes as it says."""
 
+import math
 import warnings
 from collections.abc import Iterator
+from dataclasses import fields
+from typing import Any
 
 import gymnasium
 import numpy as np
 import pytest
+from gymnasium.envs.registration import EnvSpec
 from gymnasium.utils.env_checker import check_env
 from stable_baselines3.common.env_checker import check_env as sb3_check_env
 
-from irl_dal.envs import CITY_ID, CityConfig, CityEnv
+from irl_dal.config import ConfigError, RunConfig, parse, to_mapping
+from irl_dal.envs import CITY_ID, CityConfig, CityEnv, FaultConfig, RewardConfig
+from shield import ActuatorLimits
 
 STRAIGHT = np.array([0.0, 0.2])
 
@@ -149,15 +155,94 @@ def test_yellow_centre_line_is_seen_in_every_light(env: CityEnv) -> None:
         ("difficulty", "trivial"),
         ("route_length", 10.0),
         ("lidar_dropout", 1.5),
-        ("min_radius", 3.0),
         ("time_limit", 0.0),
-        ("max_radius", 24.0),
+        ("route_spread", 450.0),
+        ("min_brightness", 1.5),
+        ("collision_distance", 40.0),
+        ("lidar_beams", 90.5),
+        ("lidar_beams", 1),
+        ("image_size", 8),
+        ("reward", 3.0),
+        ("track", 3.0),
     ],
 )
 def test_nonsense_is_refused_by_name(field: str, value: object) -> None:
     """The error names the field and shows the value."""
     with pytest.raises(ValueError, match=f"`{field}`.*{value}"):
         CityConfig(**{field: value})
+
+
+@pytest.mark.parametrize("kind", [CityConfig, RewardConfig, FaultConfig])
+def test_every_number_is_checked(kind: type) -> None:
+    """NaN, infinities, negative values and other types are refused by name in every field."""
+    numbers = [entry.name for entry in fields(kind) if entry.type in ("float", "int")]
+    assert numbers
+    for name in numbers:
+        for value in (math.nan, math.inf, -math.inf, -1.0, "1", None):
+            with pytest.raises(ValueError, match=f"`{name}` must .*{value!r}"):
+                kind(**{name: value})
+
+
+@pytest.mark.parametrize("key", ["lidar_noise", "initial_speed", "reward.goal", "faults.latency"])
+@pytest.mark.parametrize("value", [math.nan, -0.5, math.inf])
+def test_the_command_line_names_the_key(key: str, value: float) -> None:
+    """What is refused here is refused by the whole configuration, with the dotted key."""
+    mapping = to_mapping(RunConfig())
+    node = mapping["env"]
+    *groups, name = key.split(".")
+    for group in groups:
+        node = node[group]
+    node[name] = value
+    with pytest.raises(ConfigError, match=f"env[.]{key}"):
+        parse(mapping)
+
+
+def test_gymnasium_makes_it_from_plain_values() -> None:
+    """A mapping, keyword arguments or a `CityConfig`, nested parts included; JSON and back."""
+    reward = {"goal": 5.0}
+    made = [
+        gymnasium.make(CITY_ID, config={"difficulty": "hard", "reward": reward}),
+        gymnasium.make(CITY_ID, difficulty="hard", reward=reward),
+        gymnasium.make(CITY_ID, config=CityConfig(), difficulty="hard", reward=reward),
+        gymnasium.make(
+            CITY_ID, config=CityConfig(difficulty="hard", reward=RewardConfig(goal=5.0))
+        ),
+        gymnasium.make(CITY_ID, difficulty="hard", reward=reward, limits={"dt": 0.05}),
+        gymnasium.make(CITY_ID, difficulty="hard", reward=reward, limits=ActuatorLimits(dt=0.05)),
+    ]
+    for env in made:
+        assert env.spec is not None
+        again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+        for one in (env.unwrapped, again.unwrapped):
+            assert isinstance(one, CityEnv)
+            assert one.config == CityConfig(difficulty="hard", reward=RewardConfig(goal=5.0))
+        assert again.unwrapped.limits == env.unwrapped.limits
+        env.close()
+        again.close()
+    assert [env.unwrapped.limits.dt for env in made] == [0.1] * 4 + [0.05] * 2
+    assert made[-1].metadata["render_fps"] == 20
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"config": 3}, "`config` must be a CityConfig"),
+        ({"limits": 3}, "`limits` must be ActuatorLimits"),
+        ({"config": {"difficult": "hard"}}, "'difficult'"),
+        ({"difficult": "hard"}, "'difficult'"),
+        ({"reward": {"gaol": 1.0}}, "'gaol'"),
+    ],
+)
+def test_wrong_arguments_are_named(arguments: dict[str, Any], says: str) -> None:
+    """A wrong type or an unknown field is one line that names it."""
+    with pytest.raises(TypeError, match=says):
+        gymnasium.make(CITY_ID, **arguments)
+
+
+def test_stepping_before_a_reset_says_so(env: CityEnv) -> None:
+    """Not an `AttributeError`."""
+    with pytest.raises(gymnasium.error.ResetNeeded, match="reset"):
+        env.step(STRAIGHT)
 
 
 def test_unknown_render_mode_is_refused() -> None:

@@ -77,10 +77,14 @@ def test_a_frozen_image_gives_nothing() -> None:
 
 def test_measurement_belongs_to_the_state_in_info() -> None:
     """Measured offset and true offset of one `info` are of one moment, also in a swerve."""
-    env = CityEnv(CityConfig(lane_sensor="odometry", lane_offset_noise=0.0, lane_dropout=0.0))
+    env = CityEnv(CityConfig(lane_sensor="odometry", lane_offset_noise=0.0))
     env.camera_on = False
     env.reset(seed=3)
+    seen = 0
     for k in range(25):
         *_, info = env.execute(np.array([0.15 if k < 12 else -0.1, 6.0]))
-        assert info["lane_measurement"].lateral_offset == pytest.approx(info["lateral_offset"])
+        lane = info["lane_measurement"]
+        seen += lane is not None
+        assert lane is None or lane.lateral_offset == pytest.approx(info["lateral_offset"])
     env.close()
+    assert seen > 20

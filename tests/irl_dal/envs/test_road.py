@@ -8,14 +8,12 @@ from irl_dal.envs.road import HALF_WIDTH, Road
 
 @pytest.fixture(params=range(8))
 def road(request: pytest.FixtureRequest) -> Road:
-    return Road.generate(np.random.default_rng(request.param), 600.0, 25.0, 200.0)
+    return Road.generate(np.random.default_rng(request.param), 600.0)
 
 
 def test_same_generator_same_road() -> None:
     """Two generators with one seed draw one road; another seed draws another one."""
-    one, two, other = (
-        Road.generate(np.random.default_rng(s), 250.0, 32.0, 150.0) for s in (1, 1, 2)
-    )
+    one, two, other = (Road.generate(np.random.default_rng(s), 250.0) for s in (1, 1, 2))
     assert np.array_equal(one.points, two.points)
     assert not np.array_equal(one.points, other.points)
 

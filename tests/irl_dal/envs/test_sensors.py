@@ -5,7 +5,7 @@ import pytest
 
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HOME_LANE
-from irl_dal.envs.vehicle import FRONT_BUMPER
+from irl_dal.envs.vehicle import GEOMETRY
 
 
 def test_beam_zero_is_at_the_right() -> None:
@@ -18,7 +18,7 @@ def test_beam_zero_is_at_the_right() -> None:
     right = np.array([np.sin(state.yaw), -np.cos(state.yaw)])
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     for direction, beams in ((right, slice(0, 8)), (ahead, slice(86, 94))):
-        at = np.array([state.x, state.y]) + FRONT_BUMPER * ahead + 5.0 * direction
+        at = np.array([state.x, state.y]) + GEOMETRY.front_bumper * ahead + 5.0 * direction
         env._world.move(wall, (float(at[0]), float(at[1]), 1.0), state.yaw)
         env._world.step(0.0083)
         scan = env._lidar.scan(state)
@@ -43,7 +43,7 @@ def test_noise_and_dropouts_have_the_stated_size() -> None:
 
 def test_lane_measurement_is_the_truth_plus_noise() -> None:
     """Offset and heading scatter around the true ones; a clothoid describes the lane ahead."""
-    env = CityEnv(CityConfig(lane_dropout=0.0))
+    env = CityEnv(CityConfig())
     env.reset(seed=4)
     road = env.scene().road
     rng = np.random.default_rng(0)

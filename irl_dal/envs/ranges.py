@@ -1,0 +1,28 @@
+"""Admissible values of a configuration's numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from shield.arguments import check_within
+
+__all__ = ["Ranges", "check_ranges"]
+
+Ranges = Mapping[str, tuple[float, float]]
+"""Smallest and largest value of each field; a pair of integers asks for an integer."""
+
+
+def check_ranges(config: Any, ranges: Ranges) -> None:
+    """Refuse fields that are not finite numbers in their range.
+
+    Raises:
+        ValueError: Naming the field and its value.
+    """
+    for name, (low, high) in ranges.items():
+        value = getattr(config, name)
+        check_within(ValueError, low, high, **{name: value})
+        if isinstance(low, int) and not isinstance(value, (int, np.integer)):
+            raise ValueError(f"`{name}` must be an integer. Got {value!r}.")
