@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
 from irl_dal.learning.imitation.behaviour_cloning import CloningConfig
 from irl_dal.learning.imitation.diffusion_training import DiffusionTrainingConfig
-from irl_dal.learning.imitation.disturbance import DisturbanceConfig
 from irl_dal.learning.imitation.experience_correction import CorrectionForm
 from irl_dal.learning.reinforcement.discriminator import DiscriminatorConfig
 from irl_dal.learning.reinforcement.hybrid_reward import HybridRewardConfig
-from irl_dal.learning.reinforcement.policy import PPOConfig
+from irl_dal.learning.reinforcement.ppo import PPOConfig
+from shield.arguments import check_within
 
 __all__ = ["LearningConfig"]
 
@@ -45,9 +46,9 @@ class LearningConfig:
         sync_interval: T_sync [steps].
         sampling: `balanced` over the FSM modes or `uniform` (the paper's baseline).
         saec: What is learnt from intervened steps (see `experience_correction`).
-        planner_in_mixed: Go on training the planner in phase 2 (Algorithm 1 does not say).
         critic_steps: Gradient steps of the critic's warm start (not in the paper); 0 for none.
-        held_out_every: One episode in so many is kept for validation (not in the paper).
+        disturbance_rate: Probability that a burst of wrong commands begins in a calm step of the
+            expert (not in the paper, see `disturbance`); 0 for an undisturbed expert.
         checkpoint_interval: Steps between two checkpoints in phase 1 (not in the paper); in phase 2
             every PPO update is followed by one.
         log_interval: Steps between two rows of metrics (not in the paper).
@@ -58,10 +59,9 @@ class LearningConfig:
         diffusion: Training of the planner.
         discriminator: The GAIL discriminator.
         reward: The hybrid reward.
-        disturbance: Of the expert in phase 1 (not in the paper).
 
     Raises:
-        ValueError: If a number or word cannot be meant.
+        ValueError: If a field is out of range.
     """
 
     imitation_steps: int = 20_000
@@ -75,9 +75,8 @@ class LearningConfig:
     sync_interval: int = 1_000
     sampling: Sampling = "balanced"
     saec: CorrectionForm = "label"
-    planner_in_mixed: bool = True
     critic_steps: int = 1_000
-    held_out_every: int = 10
+    disturbance_rate: float = 0.025
     checkpoint_interval: int = 2_000
     log_interval: int = 500
     first_seed: int = 1_000_000
@@ -86,24 +85,19 @@ class LearningConfig:
     diffusion: DiffusionTrainingConfig = field(default_factory=DiffusionTrainingConfig)
     discriminator: DiscriminatorConfig = field(default_factory=DiscriminatorConfig)
     reward: HybridRewardConfig = field(default_factory=HybridRewardConfig)
-    disturbance: DisturbanceConfig = field(default_factory=DisturbanceConfig)
 
     def __post_init__(self) -> None:
-        for name in ("imitation_steps", "n_envs", "buffer_capacity", *INTERVALS):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("mixed_steps", "critic_steps"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        sizes = ("imitation_steps", "n_envs", "buffer_capacity", *INTERVALS)
+        check_within(ValueError, 1, math.inf, **{name: getattr(self, name) for name in sizes})
+        counts = {"mixed_steps": self.mixed_steps, "critic_steps": self.critic_steps}
+        check_within(ValueError, 0, math.inf, **counts)
+        check_within(ValueError, 0.0, 1.0, disturbance_rate=self.disturbance_rate)
+        check_within(ValueError, 0, 2**31 - 1, first_seed=self.first_seed)
         for name, steps in (("mixed_steps", self.mixed_steps), ("ppo.n_steps", self.ppo.n_steps)):
             if steps % self.n_envs:
                 raise ValueError(
                     f"`{name}` must be a multiple of n_envs {self.n_envs}. Got {steps}."
                 )
-        if self.held_out_every < 2:
-            raise ValueError(f"`held_out_every` must be at least 2. Got {self.held_out_every}.")
-        if not 0 <= self.first_seed < 2**31:
-            raise ValueError(f"`first_seed` must be in [0, 2^31). Got {self.first_seed}.")
         for name, allowed in (("sampling", get_args(Sampling)), ("saec", get_args(CorrectionForm))):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"`{name}` must be one of {allowed}. Got {getattr(self, name)!r}.")

@@ -9,12 +9,14 @@ from torch import Tensor
 
 from expert.replay import ReplayBatch, ReplayBuffer
 from irl_dal.cli.threads import GRADIENT_THREADS, threads
+from irl_dal.learning.collection.step_record import EpisodeEnd
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
 from irl_dal.learning.reinforcement.discriminator import Discriminator
-from irl_dal.learning.reinforcement.policy import observation_tensors
-from irl_dal.learning.reinforcement.ppo import DrivingPPO, driving_policy
+from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
+from irl_dal.learning.reinforcement.policy import appraise, observation_tensors
+from irl_dal.learning.reinforcement.ppo import DrivingPPO
 from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer, flat
 
 __all__ = ["Learners"]
@@ -36,6 +38,7 @@ class Learners:
         rng: Source of everything drawn from the replay buffer.
 
     Attributes:
+        reward: Mixes the rewards of a rollout.
         threads: On which an update computes.
     """
 
@@ -55,6 +58,7 @@ class Learners:
         self.cloning = cloning
         self.diffusion = diffusion
         self.discriminator = discriminator
+        self.reward = HybridReward(config.reward, config.ppo.gamma)
         self.threads = GRADIENT_THREADS
         self._rng = rng
 
@@ -73,7 +77,7 @@ class Learners:
             for mode, loss in held_out.per_mode.items():
                 record(f"bc/loss_{mode.name.lower()}", loss)
         record("bc/learning_rate", self.cloning.learning_rate)
-        for name, parameter in driving_policy(self.ppo).features_extractor.named_parameters():
+        for name, parameter in self.ppo.policy.features_extractor.named_parameters():
             if "alpha" in name:
                 record(f"mask/{name.rpartition('.')[2]}", parameter.item())
 
@@ -93,7 +97,6 @@ class Learners:
     def train_discriminator(self) -> None:
         """TrainDiscriminator(D_buffer): expert pairs against those of the rollout in progress."""
         buffer = self.ppo.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
         if buffer.pos == 0 or self.replay.count(source="expert") == 0:
             return
         with threads(self.threads):
@@ -106,16 +109,25 @@ class Learners:
 
     def sync_features(self) -> None:
         """SyncFeatures(): the discriminator sees with the policy's newest perception."""
-        self.discriminator.sync_features(driving_policy(self.ppo))
+        self.discriminator.sync_features(self.ppo.policy)
 
-    def judge(
-        self, observations: dict[str, NDArray[np.generic]], actions: NDArray[np.float32]
-    ) -> NDArray[np.float32] | None:
-        """Expert logits (N,) of a rollout (images channels first); None before the first update."""
-        if self.discriminator.updates == 0:
-            return None
-        logits = self.discriminator.judge(_tensors(observations), torch.from_numpy(actions))
-        return logits.cpu().numpy()
+    def finish_rollout(self, last_values: Tensor) -> None:
+        """Give the complete rollout its mixed rewards, returns and advantages.
+
+        Args:
+            last_values: Values (E, 1) of what each car sees after its last step.
+        """
+        ppo, buffer = self.ppo, self.ppo.rollout_buffer
+        seen, logits, renewed = buffer.seen(), None, None
+        if self.discriminator.updates:
+            actions = torch.from_numpy(flat(buffer.executed_actions))
+            logits = self.discriminator.judge(_tensors(seen), actions).cpu().numpy()
+        if self.config.ppo.renew:
+            renewed = appraise(ppo.policy, seen, flat(buffer.actions))
+        buffer.finish(self.reward, logits, renewed, last_values)
+        ppo.logger.record("reward/env", float(buffer.env_rewards.mean()))
+        ppo.logger.record("reward/imitation", float(buffer.imitation_rewards.mean()))
+        ppo.logger.record("reward/failures", int((buffer.ends == EpisodeEnd.FAILURE).sum()))
 
     def _cloning_batch(self) -> ReplayBatch:
         config, replay = self.config.cloning, self.replay

@@ -2,20 +2,19 @@
 
 | line of Algorithm 1 | here |
 |---|---|
-| Observe o_t, a_t^* = FSM(o_t), execute, store | `Fleet.demonstrations`, `Recorder.take` |
+| Observe o_t, a_t^* = FSM(o_t), execute, store | `VecDriver.demonstrations`, `Recorder.take` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | `Fleet.drive` |
-| r_irl, r_t | `HybridRolloutBuffer` |
+| Sample a_t^PPO, trigger, plan, blend, execute | stable-baselines3's `collect_rollouts` |
+| r_irl, r_t | `HybridReward`, `HybridRolloutBuffer.finish` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
 | TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
 | should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
 | Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
 
 Several cars drive beside each other, and t counts the steps of all of them. "t mod T = 0" is read
-as "after every T-th step", in phase 2 as soon as every car has driven its step. Between two updates
-nothing changes that a car drives with, so each drives that stretch without the others. The last PPO
-update may have fewer steps than the others, so that the run ends at N_total exactly.
+as "after every T-th step", in phase 2 as soon as every car has driven its step. The last PPO update
+may have fewer steps than the others, so that the run ends at N_total exactly.
 """
 
 from __future__ import annotations
@@ -27,13 +26,14 @@ from typing import Any
 import numpy as np
 import torch
 from gymnasium import spaces
-from numpy.typing import NDArray
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
+from torch import Tensor
 
 from expert.replay import ReplayBuffer
 from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.collection.step_record import DrivenStep, End
-from irl_dal.learning.collection.vec_driver import Fleet
+from irl_dal.learning.collection.step_record import StepRecord
+from irl_dal.learning.collection.vec_driver import VecDriver
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
@@ -42,10 +42,8 @@ from irl_dal.learning.learners import Learners
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.reinforcement.critic import warm_start_critic
 from irl_dal.learning.reinforcement.discriminator import Discriminator
-from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
-from irl_dal.learning.reinforcement.policy import DrivingPolicy, appraise
-from irl_dal.learning.reinforcement.ppo import build_ppo, driving_policy
-from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
+from irl_dal.learning.reinforcement.policy import DrivingPolicy
+from irl_dal.learning.reinforcement.ppo import build_ppo
 from irl_dal.learning.run_log import RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
@@ -56,35 +54,26 @@ __all__ = ["Pipeline"]
 STREAMS = ("policy", "replay", "rollout", "discriminator", "diffusion", "critic")
 """Independent random streams that the seed is split into."""
 
-MIXED_INTERVALS = (
-    "bc_interval_mixed",
-    "diffusion_interval",
-    "discriminator_interval",
-    "sync_interval",
-    "log_interval",
-)
-"""What may be due in phase 2 while a rollout is collected."""
-
 
 class Pipeline:
     """Trains policy, planner and discriminator in both phases and keeps the run folder.
 
     Args:
         config: Schedule and sizes.
-        drivers: The cars, each a `Driver`.
+        cars: A vector of `Driver`.
         planner: Is trained, and its weights handed on to the cars' own planners; None without one.
         perception: Of the policy.
         run_dir: Where metrics and checkpoints go.
         seed: Everything random in learning is drawn from streams of this seed. The planner has a
             generator of its own, which is saved and restored too.
-        observers: Are told what happens.
+        observers: Receive what happens.
         provenance: Commit, config hash, ...: kept in each checkpoint; a checkpoint with another
             `config_hash` is refused.
         device: Where policy and discriminator are.
 
     Attributes:
         step: Environment steps so far, of all cars together.
-        fleet: The cars.
+        cars: The cars.
         replay: D_s.
         correction: Experience correction and its count.
         recorder: Counts what happens.
@@ -95,7 +84,7 @@ class Pipeline:
     def __init__(
         self,
         config: LearningConfig,
-        drivers: VecEnv,
+        cars: VecEnv,
         planner: DiffusionPlanner | None,
         *,
         perception: PerceptionConfig,
@@ -107,15 +96,14 @@ class Pipeline:
     ) -> None:
         self.config = config
         self.step = 0
+        self.cars = VecDriver(cars)
         self.correction = ExperienceCorrection(config.saec)
         seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
         self._rng = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
-        self.fleet = Fleet(drivers)
         self._planner = planner
-        self.replay = _new_replay(config, drivers, planner)
+        self.replay = _new_replay(config, cars, planner)
         self.recorder = Recorder(self.replay, self.correction, config.n_envs)
-        self.hybrid = HybridReward(config.reward, config.ppo.gamma, self._judge)
-        self.learners = self._build(drivers, perception, device)
+        self.learners = self._build(cars, perception, device)
         self.log = RunLog(run_dir, self.recorder, observers)
         self._store = CheckpointStore(run_dir)
         self._provenance = dict(provenance or {})
@@ -125,10 +113,14 @@ class Pipeline:
     @property
     def policy(self) -> DrivingPolicy:
         """The policy in training."""
-        return driving_policy(self.learners.ppo)
+        return self.learners.ppo.policy
 
     def run(self) -> None:
-        """Go on from the present step to the last one and write the final checkpoint."""
+        """Go on from the present step to the last one and write the final checkpoint.
+
+        Raises:
+            CheckpointError: If the training diverges; the newest checkpoint is from before.
+        """
         config = self.config
         if self.step >= config.total_steps:
             return
@@ -141,11 +133,21 @@ class Pipeline:
             if self.step < config.total_steps:
                 self._refine()
             self._finish()
+        except ValueError:
+            # How torch refuses a distribution of weights that are not finite.
+            if all(bool(torch.isfinite(weights).all()) for weights in self.policy.parameters()):
+                raise
+            where = f"{self._store.run_dir}: step {self.step}"
+            raise CheckpointError(f"{where}: the policy diverged, a weight is not finite") from None
         finally:
             self.log.close()
 
     def save(self, *, final: bool = False) -> Path:
-        """Write a checkpoint; `final` drops the replay buffer from the disk."""
+        """Write a checkpoint; `final` drops the replay buffer from the disk.
+
+        Raises:
+            CheckpointError: If weights are not finite; the older checkpoint stays.
+        """
         with self.log.timed("checkpoint"):
             folder = self._store.save(
                 self._state(final),
@@ -176,22 +178,21 @@ class Pipeline:
             raise
         except MISFITS as error:
             raise CheckpointError.misfit(checkpoint.folder, "this run", error) from None
-        self.fleet.begin_at(self.recorder.upcoming)
+        self.cars.begin_at(self.recorder.upcoming)
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def _build(self, drivers: VecEnv, perception: PerceptionConfig, device: str) -> Learners:
+    def _build(self, cars: VecEnv, perception: PerceptionConfig, device: str) -> Learners:
         config, rng = self.config, self._rng
         ppo = build_ppo(
-            drivers,
+            cars,
             config.ppo,
             perception,
-            rng=rng["policy"],
-            buffer_arguments=self._buffer_arguments(),
+            weights=rng["policy"],
+            order=rng["rollout"],
             device=device,
         )
-        policy = driving_policy(ppo)
-        generator = torch.Generator(policy.device)
+        generator = torch.Generator(ppo.device)
         generator.manual_seed(int(rng["discriminator"].integers(2**63)))
         diffusion = None
         if self._planner is not None:
@@ -200,35 +201,20 @@ class Pipeline:
             config,
             ppo,
             self.replay,
-            BehaviourCloning(policy, config.cloning),
+            BehaviourCloning(ppo.policy, config.cloning),
             diffusion,
-            Discriminator(policy, config.discriminator, generator),
+            Discriminator(ppo.policy, config.discriminator, generator),
             rng["replay"],
         )
-
-    def _buffer_arguments(self) -> dict[str, Any]:
-        appraise = self._appraise if self.config.ppo.renew else None
-        return {"hybrid": self.hybrid, "rng": self._rng["rollout"], "appraise": appraise}
-
-    def _appraise(
-        self, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        return appraise(self.policy, observations, actions)
-
-    def _judge(
-        self, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
-    ) -> NDArray[np.float32] | None:
-        return self.learners.judge(observations, actions)
 
     def _imitate(self) -> None:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
         log.begin("imitation", self.step, config.imitation_steps)
-        steps = self.fleet.demonstrations(config.imitation_steps - self.step)
+        records = self.cars.demonstrations(config.imitation_steps - self.step)
         while self.step < config.imitation_steps:
             with log.timed("driving"):
-                self.recorder.take(next(steps))
-            self._advance()
+                self._take(next(records))
             if self._due(config.bc_interval_imitation):
                 with log.timed("bc"):
                     learners.clone(config.cloning.steps_imitation)
@@ -246,44 +232,44 @@ class Pipeline:
         if not self._critic_ready:
             self._warm_start()
             self.save()
+        self.cars.load_planner(self._planner)
         while self.step < config.total_steps:
-            size = min(config.ppo.n_steps, config.total_steps - self.step) // config.n_envs
-            over = self._collect(ppo.begin_rollout(size))
-            with self.log.timed("ppo"):
-                ppo.end_rollout(self.fleet.seen(), over)
-                ppo.train()
+            size = min(config.ppo.n_steps, config.total_steps - self.step)
+            ppo.resize(size // config.n_envs)
+            with self.log.timed("driving"):
+                # One iteration, after which stable-baselines3 has nothing to log (`log_interval`).
+                ppo.learn(size, _Rollout(self), log_interval=2, reset_num_timesteps=False)
             if self.step < config.total_steps:
                 self.save()
 
-    def _collect(self, buffer: HybridRolloutBuffer) -> NDArray[np.bool_]:
-        """Fill a rollout; gives whether each car's last step ended an episode."""
-        driven: tuple[DrivenStep, ...] = ()
-        while not buffer.full:
-            with self.log.timed("driving"):
-                self.fleet.load_weights(self.policy, self._planner)
-                stretch = self.fleet.drive(
-                    min(self._undisturbed(), buffer.buffer_size - buffer.pos)
-                )
-            for driven in stretch:
-                self._keep(buffer, driven)
-            # What is due after the very last step comes after PPO's last update, in `_finish`.
-            if self.step < self.config.total_steps:
-                self._mixed_updates()
-                self._log_if_due(phase=2)
-        return np.array([step.end is not End.GOES_ON for step in driven])
+    def after_step(
+        self, records: Sequence[StepRecord], actions: np.ndarray, log_probs: Tensor
+    ) -> None:
+        """Store a step of every car, then update what is due.
 
-    def _undisturbed(self) -> int:
-        """Steps that each car can drive until anything is due."""
-        intervals = [getattr(self.config, name) for name in MIXED_INTERVALS]
-        ahead = min(interval - self.step % interval for interval in intervals)
-        return -(-ahead // self.config.n_envs)
+        Args:
+            records: Of the E cars.
+            actions: The policy's samples (E, 2), changed in place as the experience correction says.
+            log_probs: Their log-probabilities (E,), likewise.
+        """
+        for record in records:
+            self._take(record)
+        self.learners.ppo.rollout_buffer.note(records)
+        self.correction.correct(self.policy, records, actions, log_probs)
+        # What is due after the very last step comes after PPO's last update, in `_finish`.
+        if self.step < self.config.total_steps:
+            self._mixed_updates()
+            self._log_if_due(phase=2)
 
-    def _keep(self, buffer: HybridRolloutBuffer, driven: Sequence[DrivenStep]) -> None:
-        """Put a step of every car into both buffers."""
-        for step in driven:
-            self.recorder.take(step)
-            self._advance()
-        buffer.store(driven, [self.correction.of(step, self.policy) for step in driven])
+    def after_rollout(self, last_values: Tensor) -> None:
+        """Mix the rewards; what stable-baselines3 does from here on is PPO's update."""
+        self.log.switch("ppo")
+        self.learners.finish_rollout(last_values)
+
+    def _take(self, record: StepRecord) -> None:
+        self.recorder.take(record)
+        self.step += 1
+        self.log.advance(self.step)
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""
@@ -300,9 +286,10 @@ class Pipeline:
         if self._due(config.discriminator_interval) and config.reward.w_irl > 0.0:
             with log.timed("discriminator"):
                 learners.train_discriminator()
-        if config.planner_in_mixed and self._due(config.diffusion_interval):
+        if config.diffusion.steps_mixed and self._due(config.diffusion_interval):
             with log.timed("planner"):
                 learners.train_planner(config.diffusion.steps_mixed)
+                self.cars.load_planner(self._planner)
         if self._due(config.bc_interval_mixed):
             with log.timed("bc"):
                 learners.clone(config.cloning.steps_mixed)
@@ -318,16 +305,12 @@ class Pipeline:
                 self.policy,
                 self.replay,
                 gamma=self.config.ppo.gamma,
-                scale=self.hybrid.scale * self.config.reward.w_env,
+                scale=self.learners.reward.scale * self.config.reward.w_env,
                 steps=self.config.critic_steps,
                 rng=self._rng["critic"],
             )
         self._critic_ready = True
         self.learners.ppo.logger.record("critic/explained_variance", explained)
-
-    def _advance(self) -> None:
-        self.step += 1
-        self.log.advance(self.step)
 
     def _log_if_due(self, phase: int) -> None:
         # The last row of a run is written by `_finish`.
@@ -338,14 +321,19 @@ class Pipeline:
         sizes = {f"replay/{mode.name.lower()}": n for mode, n in self.replay.sizes.items()}
         self.log.row(self.step, phase, {"count/saec_marks": self.correction.marks} | sizes)
 
+    @property
+    def _noise(self) -> torch.Generator:
+        assert self.policy.generator is not None
+        return self.policy.generator
+
     def _state(self, final: bool) -> dict[str, Any]:
         learners, ppo = self.learners, self.learners.ppo
         return {
             "policy": self.policy.state_dict(),
             "ppo": {
                 "optimizer": self.policy.optimizer.state_dict(),
-                "updates": ppo._n_updates,
                 "actor_rate": ppo.actor_rate.value,
+                "noise": self._noise.get_state(),
             },
             "cloning": learners.cloning.state_dict(),
             "discriminator": learners.discriminator.state_dict(),
@@ -364,8 +352,8 @@ class Pipeline:
         learners, ppo = self.learners, self.learners.ppo
         self.policy.load_state_dict(state["policy"])
         self.policy.optimizer.load_state_dict(state["ppo"]["optimizer"])
-        ppo._n_updates = state["ppo"]["updates"]
         ppo.actor_rate.value = state["ppo"]["actor_rate"]
+        self._noise.set_state(state["ppo"]["noise"])
         learners.cloning.load_state_dict(state["cloning"])
         learners.discriminator.load_state_dict(state["discriminator"])
         if learners.diffusion is not None:
@@ -377,10 +365,26 @@ class Pipeline:
         self.log.seconds = dict(state["seconds"])
 
 
+class _Rollout(BaseCallback):
+    """Hands the steps that stable-baselines3 collects to the pipeline."""
+
+    def __init__(self, pipeline: Pipeline) -> None:
+        super().__init__()
+        self._pipeline = pipeline
+
+    def _on_step(self) -> bool:
+        records = [info["record"] for info in self.locals["infos"]]
+        self._pipeline.after_step(records, self.locals["actions"], self.locals["log_probs"])
+        return True
+
+    def _on_rollout_end(self) -> None:
+        self._pipeline.after_rollout(self.locals["values"])
+
+
 def _new_replay(
-    config: LearningConfig, drivers: VecEnv, planner: DiffusionPlanner | None
+    config: LearningConfig, cars: VecEnv, planner: DiffusionPlanner | None
 ) -> ReplayBuffer:
-    seen = drivers.observation_space
+    seen = cars.observation_space
     assert isinstance(seen, spaces.Dict)
     (height, width, colours), (beams,) = seen["image"].shape, seen["lidar"].shape  # type: ignore[misc]
     return ReplayBuffer(
@@ -388,5 +392,4 @@ def _new_replay(
         horizon=1 if planner is None else planner.config.horizon,
         image_shape=(height, width, colours),
         beams=beams,
-        held_out_every=config.held_out_every,
     )

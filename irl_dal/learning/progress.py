@@ -1,4 +1,4 @@
-"""Who watches a training run: an interface, and a progress bar in the terminal."""
+"""Observers of a training run: their interface, and a progress bar in the terminal."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ SHOWN = {
 
 
 class Observer(Protocol):
-    """Is told what a pipeline does; must not disturb it."""
+    """Receives what a pipeline does; must not disturb it."""
 
     def begin(self, phase: str, step: int, last: int) -> None:
         """A phase begins at `step` and ends at `last`."""

@@ -1,4 +1,4 @@
-"""What a run says of itself: one row of metrics now and then, timings, and the observers.
+"""The log of a training run: rows of metrics (CSV, TensorBoard), timings, and the observers.
 
 Columns of `metrics.csv`; a cell is empty where the row has nothing new to say.
 
@@ -23,20 +23,28 @@ Columns of `metrics.csv`; a cell is empty where the row has nothing new to say.
 
 from __future__ import annotations
 
+import csv
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
-from stable_baselines3.common.logger import Logger
+from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
+from torch.utils.tensorboard import SummaryWriter
 
-from irl_dal.learning.collection.counts import Counts
 from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.metrics import metrics_logger
+from irl_dal.learning.collection.step_record import Counts
 from irl_dal.learning.progress import Observer
 
-__all__ = ["RunLog"]
+__all__ = ["MetricsCsv", "RunLog", "metrics_logger", "read_metrics"]
+
+STEP = "step"
+"""First column of the metrics."""
+
+OTHER = "other"
+"""Part of a run's time that no other part claims."""
 
 
 class RunLog:
@@ -57,14 +65,15 @@ class RunLog:
         self._recorder = recorder
         self._observers = tuple(observers)
         self._counts = Counts()
-        self._row_at = self._started = 0.0
+        self._row_at = self._started = self._switched = time.monotonic()
+        self._part = OTHER
         self._logger: Logger | None = None
 
     def open(self, step: int) -> Logger:
         """Go on writing after `step`; gives the logger that PPO and the learners record into."""
         self._logger = metrics_logger(self._run_dir, step)
         self._counts = self._recorder.counts
-        self._row_at = time.monotonic()
+        self._row_at = self._switched = time.monotonic()
         self._started = self._row_at - self.seconds["total"]
         return self._logger
 
@@ -87,19 +96,25 @@ class RunLog:
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
-        """Add the time of a block to a part."""
-        begin = time.monotonic()
-        yield
-        self.add_time(part, time.monotonic() - begin)
+        """Count the time of a block to a part, and not to the part around it."""
+        outer = self.switch(part)
+        try:
+            yield
+        finally:
+            self.switch(outer)
 
-    def add_time(self, part: str, seconds: float) -> None:
-        """Add to the time of a part."""
-        self.seconds[part] = self.seconds.get(part, 0.0) + seconds
+    def switch(self, part: str) -> str:
+        """Count the time from now on to a part; gives the part until now."""
+        now, before = time.monotonic(), self._part
+        self.seconds[before] = self.seconds.get(before, 0.0) + now - self._switched
+        self._part, self._switched = part, now
+        return before
 
     def row(self, step: int, phase: int, more: Mapping[str, float]) -> None:
         """Write a row: what was recorded since the last one, rates, counts and `more`."""
         assert self._logger is not None, "`open` comes first"
-        now = time.monotonic()
+        self.switch(self._part)
+        now = self._switched
         self.seconds["total"] = now - self._started
         values = {"phase": float(phase)} | self._rates(phase, now) | self._totals() | dict(more)
         for name, value in values.items():
@@ -133,3 +148,80 @@ class RunLog:
             totals["rollout/episode_return"] = self._recorder.episode_return
             totals["rollout/success_rate"] = self._recorder.success_rate
         return totals
+
+
+class MetricsCsv(KVWriter):
+    """One row per dump, the environment step first, a new column whenever a new key turns up.
+
+    What lies in the file from an earlier part of the run is kept up to `step`: rows of an interval
+    that was lost, or half a row that a killed process left, are removed. Every rewrite is atomic.
+
+    Args:
+        path: The CSV file.
+        step: Step at which the run goes on.
+    """
+
+    def __init__(self, path: Path, step: int = 0) -> None:
+        self.path = path
+        self._columns, rows = _read(path)
+        self._rewrite([row for row in rows if int(row[STEP]) <= step] if step else [])
+
+    def write(
+        self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
+    ) -> None:
+        """Append a row."""
+        row = {STEP: step} | {
+            key: value for key, value in key_values.items() if "csv" not in key_excluded[key]
+        }
+        new = sorted(row.keys() - set(self._columns))
+        if new:
+            self._columns += new
+            self._rewrite(_read(self.path)[1])
+        with self.path.open("a", newline="") as file:
+            csv.DictWriter(file, self._columns, restval="").writerow(row)
+
+    def close(self) -> None:
+        """Nothing is held open between two rows."""
+
+    def _rewrite(self, rows: list[dict[str, str]]) -> None:
+        hidden = self.path.with_name(f".{self.path.name}.part")
+        with hidden.open("w", newline="") as file:
+            writer = csv.DictWriter(file, self._columns, restval="")
+            writer.writeheader()
+            writer.writerows(rows)
+        hidden.replace(self.path)
+
+
+def metrics_logger(run_dir: Path, step: int = 0) -> Logger:
+    """A logger that writes `metrics.csv` and TensorBoard events of a run.
+
+    Args:
+        run_dir: Run folder.
+        step: Step at which the run goes on; what was written after it is dropped.
+    """
+    run_dir.mkdir(parents=True, exist_ok=True)
+    board = TensorBoardOutputFormat(str(run_dir / "tensorboard"))
+    if step:
+        board.writer.close()
+        board.writer = SummaryWriter(str(run_dir / "tensorboard"), purge_step=step + 1)
+    return Logger(str(run_dir), [MetricsCsv(run_dir / "metrics.csv", step), board])
+
+
+def read_metrics(path: Path) -> list[Mapping[str, str]]:
+    """All rows of a metrics file; empty strings where a row has no value."""
+    return list(_read(path)[1])
+
+
+def _read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
+    """Columns and complete rows."""
+    if not path.is_file():
+        return [STEP], []
+    text = path.read_text()
+    # A row without its line end is one that a killed process did not finish.
+    lines = text[: text.rfind("\n") + 1].splitlines()
+    if not lines:
+        return [STEP], []
+    reader = csv.DictReader(lines)
+    columns = list(reader.fieldnames or [STEP])
+    rows = [row for row in reader if row[STEP].isdecimal()]
+    return columns, rows

@@ -1,18 +1,13 @@
-"""One of the cars that a run trains on: drives, and says of every step what is to be known of it.
-
-A car drives a stretch of steps at a time, with a policy and a planner of its own whose weights it
-is given before: cars in processes of their own then wait for each other once a stretch and not in
-every step.
+"""One of the cars that a run trains on, as an environment for stable-baselines3.
 
 An episode is drawn from the run's seed and the episode's own number: its place, its traffic, its
-disturbances and the noise of policy and planner. Which process it is driven in, and beside what,
-makes no difference to it.
+disturbances and the planner's noise. Which process it is driven in, and beside what, makes no
+difference to it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Mapping
 from typing import Any
 
 import gymnasium
@@ -22,32 +17,27 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import Transition
-from irl_dal.learning.collection.counts import Counts
-from irl_dal.learning.collection.step_record import Draw, DrivenStep, End
+from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.disturbance import Disturbance
-from irl_dal.learning.reinforcement.policy import DrivingPolicy
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
 __all__ = ["Driver"]
 
-Weights = Mapping[str, NDArray[np.float32]]
-
 
 class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     """Drives one car, its episodes one after another.
 
-    An environment for the sake of its spaces and of stable-baselines3's processes; it is driven by
-    `demonstrate` and `drive`.
+    `step` takes the policy's normalised action (2,); `info["record"]` is the step's `StepRecord`.
+    `demonstrate` lets the expert drive instead.
 
-    The episodes of a run are numbered through; this car drives numbers `place`, `place + n_envs`,
-    and so on. Their seeds begin at `first_seed`, so that evaluations with smaller seeds drive where
-    training never was.
+    The episodes of a run are numbered consecutively; this car drives numbers `place`,
+    `place + n_envs`, and so on. Their seeds begin at `first_seed`, so that evaluations with smaller
+    seeds drive where training never was.
 
     Args:
         loop: The control loop; its planner, if it has one, is this car's own.
-        policy: This car's own; explores with noise of its own.
         config: Number of cars, seeds and disturbances.
         seeds: The run's: each episode's random numbers are drawn from a child of it.
         place: Which of the cars this is.
@@ -56,16 +46,12 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     def __init__(
         self,
         loop: ControlLoop,
-        policy: DrivingPolicy,
         config: LearningConfig,
         seeds: np.random.SeedSequence,
         place: int,
     ) -> None:
         self.observation_space, self.action_space = loop.observation_space, loop.action_space
         self.loop = loop
-        self.policy = policy
-        self.policy.generator = torch.Generator(policy.device)
-        self.policy.set_training_mode(False)
         self._config = config
         self._seeds = seeds
         self._next = place
@@ -75,13 +61,11 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
         """Number of the episode that begins next."""
         self._next, self._under_way = episode, False
 
-    def load_weights(self, policy: Weights, planner: Weights | None = None) -> None:
-        """Drive with these from now on, planning with the second if there is a planner."""
-        self.policy.load_state_dict(_tensors(policy))
-        if planner is not None:
-            own = self.loop.supervision.planner
-            assert own is not None, "only a run with a planner trains one"
-            own.load_state_dict(_tensors(planner))
+    def load_planner(self, weights: Mapping[str, NDArray[np.float32]]) -> None:
+        """Plan with these weights from now on."""
+        planner = self.loop.supervision.planner
+        assert planner is not None, "only a run with a planner trains it"
+        planner.load_state_dict({name: torch.from_numpy(w) for name, w in weights.items()})
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -94,70 +78,50 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
         planner = self.loop.supervision.planner
         if planner is not None:
             planner.generator.manual_seed(int(rng.integers(2**63)))
-        assert self.policy.generator is not None
-        self.policy.generator.manual_seed(int(rng.integers(2**63)))
-        self._disturbance = Disturbance(self._config.disturbance, rng)
+        self._disturbance = Disturbance(rng, self._config.disturbance_rate)
         self._observation, self._info = self.loop.reset(
             seed=drawn if seed is None else seed, options=options
         )
         self._step, self._return, self._under_way = 0, 0.0, True
         return self._observation, {}
 
-    def demonstrate(self, steps: int) -> list[DrivenStep]:
-        """Let the expert go on for some steps, into new episodes where one ends."""
-        return self._go_on(steps, self.expert_step)
-
-    def drive(self, steps: int) -> list[DrivenStep]:
-        """Let the policy go on for some steps, exploring, into new episodes where one ends."""
-        return self._go_on(steps, self._explore)
-
-    def seen(self) -> Observation:
-        """What the car sees now, after its newest step."""
-        return self._observation
-
-    def expert_step(self) -> DrivenStep:
-        """One step with the expert's command; a disturbed one is not part of a demonstration."""
-        offset = self._disturbance.step()
-        return self._told(self.loop.step_expert(offset), expert_drove=offset is None)
-
-    def policy_step(self, action: NDArray[Any]) -> DrivenStep:
-        """One step with a policy's normalised action (2,)."""
+    def step(
+        self, action: NDArray[Any]
+    ) -> tuple[Observation, float, bool, bool, dict[str, StepRecord]]:
+        """Drive one step with the policy's normalised action (2,)."""
         error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
-        return self._told(self.loop.step(action), disagreement=float(error))
+        record = self._record(self.loop.step(action), disagreement=float(error))
+        terminated, truncated = record.transition.terminated, record.end is EpisodeEnd.TIME_LIMIT
+        reward = record.transition.reward
+        return self._observation, reward, terminated, truncated, {"record": record}
 
-    def close(self) -> None:
-        """Give the simulator back."""
-        self.loop.close()
+    def demonstrate(self, steps: int) -> list[StepRecord]:
+        """Let the expert go on for some steps, into new episodes where one ends.
 
-    def _go_on(self, steps: int, step: Callable[[], DrivenStep]) -> list[DrivenStep]:
-        driven = []
+        Commands of a disturbed step are not part of a demonstration.
+        """
+        records = []
         for _ in range(steps):
             if not self._under_way:
                 self.reset()
-            driven.append(step())
-        return driven
+            offset = self._disturbance.step()
+            records.append(self._record(self.loop.step_expert(offset), expert_drove=offset is None))
+        return records
 
-    @torch.no_grad()
-    def _explore(self) -> DrivenStep:
-        seen, _ = self.policy.obs_to_tensor(dict(self._observation))
-        action, value, log_prob = self.policy(seen)
-        draw = Draw(action[0].numpy(), float(value), float(log_prob))
-        driven = self.policy_step(np.clip(draw.action, -1.0, 1.0))
-        if driven.end is End.TIME_LIMIT:
-            last, _ = self.policy.obs_to_tensor(dict(self._observation))
-            draw = replace(draw, last_value=float(self.policy.predict_values(last)))
-        return replace(driven, draw=draw)
+    def close(self) -> None:
+        """Close the simulator."""
+        self.loop.close()
 
-    def _told(
+    def _record(
         self,
         result: tuple[Observation, float, bool, bool, dict[str, Any]],
         *,
         expert_drove: bool = False,
         disagreement: float = 0.0,
-    ) -> DrivenStep:
-        """All that is to be known of the loop's step."""
+    ) -> StepRecord:
+        """Join the state acted upon with what the loop returned."""
         observation, reward, terminated, truncated, info = result
-        end = End.of(terminated, truncated, success=bool(info["success"]))
+        end = EpisodeEnd.of(terminated, truncated, success=bool(info["success"]))
         transition = Transition(
             image=self._observation["image"],
             lidar=self._observation["lidar"],
@@ -177,18 +141,21 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
         counts = self._counts(reward, info, end, disagreement)
         self._observation, self._info = observation, info
         self._step += 1
-        self._under_way = end is End.GOES_ON
-        return DrivenStep(transition, end, counts, self._return)
+        self._under_way = end is EpisodeEnd.GOES_ON
+        return StepRecord(transition, end, counts, self._return)
 
-    def _counts(self, reward: float, info: dict[str, Any], end: End, disagreement: float) -> Counts:
+    def _counts(
+        self, reward: float, info: dict[str, Any], end: EpisodeEnd, disagreement: float
+    ) -> Counts:
         plan, certificate = info["plan"], info["certificate"]
         commands = info["executed_command"], info["previous_command"]
+        over = end is not EpisodeEnd.GOES_ON
         changed = plan is not None and plan.status in (Status.PROJECTED, Status.REPAIRED)
         return Counts(
             steps=1,
-            episodes=int(end is not End.GOES_ON),
-            successes=int(end is End.SUCCESS),
-            collisions=int(end is not End.GOES_ON and bool(info["collision"])),
+            episodes=int(over),
+            successes=int(end is EpisodeEnd.SUCCESS),
+            collisions=int(over and bool(info["collision"])),
             triggers=int(info["triggered"]),
             plans_projected=int(changed),
             plan_fallbacks=int(plan is not None and plan.status is Status.FALLBACK),
@@ -198,7 +165,3 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
             reward=reward,
             disagreement=disagreement,
         )
-
-
-def _tensors(weights: Weights) -> dict[str, torch.Tensor]:
-    return {name: torch.from_numpy(values) for name, values in weights.items()}

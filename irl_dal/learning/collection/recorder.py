@@ -1,4 +1,4 @@
-"""What becomes of the steps that the cars have driven: stored, counted, averaged."""
+"""Stores, counts and averages the steps of the cars."""
 
 from __future__ import annotations
 
@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 
 from expert.replay import ReplayBuffer
-from irl_dal.learning.collection.counts import Counts
-from irl_dal.learning.collection.step_record import DrivenStep, End
+from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
 from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
 
 __all__ = ["Recorder"]
@@ -50,17 +49,17 @@ class Recorder:
         """Share of successes in the newest episodes; NaN before the first."""
         return float(np.mean(self._successes)) if self._successes else float("nan")
 
-    def take(self, driven: DrivenStep) -> None:
+    def take(self, record: StepRecord) -> None:
         """Store a step where the experience correction says so, and count it."""
-        transition = driven.transition
+        transition = record.transition
         if self._correction.keeps(transition.intervened):
             self._replay.add(transition)
-        self.counts += driven.counts
+        self.counts += record.counts
         n_envs = len(self.upcoming)
         self.upcoming[transition.episode % n_envs] = transition.episode + n_envs
-        if driven.end is not End.GOES_ON:
-            self._returns.append(driven.episode_return)
-            self._successes.append(float(driven.end is End.SUCCESS))
+        if record.end is not EpisodeEnd.GOES_ON:
+            self._returns.append(record.episode_return)
+            self._successes.append(float(record.end is EpisodeEnd.SUCCESS))
 
     def state_dict(self) -> dict[str, Any]:
         """Counts and where the episodes are; those in progress are not kept."""

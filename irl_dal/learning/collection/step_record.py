@@ -1,22 +1,20 @@
-"""One step of one of the cars, with all that learning has to know of it."""
+"""One step of one of the cars, with everything that learning reads of it."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from enum import IntEnum
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from expert.replay import Transition
-from irl_dal.learning.collection.counts import Counts
 
-__all__ = ["Draw", "DrivenStep", "End"]
+__all__ = ["Counts", "EpisodeEnd", "StepRecord"]
 
 
-class End(IntEnum):
+class EpisodeEnd(IntEnum):
     """How a step left its episode."""
 
     GOES_ON = 0
@@ -25,47 +23,67 @@ class End(IntEnum):
     TIME_LIMIT = 3
 
     @classmethod
-    def of(cls, terminated: bool, truncated: bool, *, success: bool) -> End:
-        """From what the environment says of a step."""
+    def of(cls, terminated: bool, truncated: bool, *, success: bool) -> EpisodeEnd:
+        """From what the environment returns with a step."""
         if terminated:
             return cls.SUCCESS if success else cls.FAILURE
         return cls.TIME_LIMIT if truncated else cls.GOES_ON
 
 
 @dataclass(frozen=True, slots=True)
-class Draw:
-    """What the policy drew in a state.
+class Counts:
+    """What happened in a step, in several or in a whole training; numbers that only grow.
 
     Attributes:
-        action: Its action (2,), normalised, not clipped.
-        value: Of the state.
-        log_prob: Of the action.
-        last_value: Value of the state that the step led to; only where the time is up there.
+        steps: Environment steps.
+        episodes: Episodes that came to an end.
+        successes: Of these, goal reached without any violation.
+        collisions: Of these, ended by a collision.
+        triggers: Steps on which the planner was used.
+        plans_projected: Plans that the planner's projection changed.
+        plan_fallbacks: Plans that were fallbacks.
+        shield_corrections: Steps on which the shield changed the command.
+        command_violations: Steps whose executed command broke a bound: must stay 0 with the shield.
+        policy_violations: Steps on which the policy's own command would have broken a bound.
+        reward: Sum of the environment reward.
+        disagreement: Sum of mean abs(policy's own action - label) / 2 over the policy's steps.
     """
 
-    action: NDArray[np.float32]
-    value: float
-    log_prob: float
-    last_value: float = 0.0
+    steps: int = 0
+    episodes: int = 0
+    successes: int = 0
+    collisions: int = 0
+    triggers: int = 0
+    plans_projected: int = 0
+    plan_fallbacks: int = 0
+    shield_corrections: int = 0
+    command_violations: int = 0
+    policy_violations: int = 0
+    reward: float = 0.0
+    disagreement: float = 0.0
+
+    def __add__(self, other: Counts) -> Counts:
+        return Counts(*(getattr(self, e.name) + getattr(other, e.name) for e in fields(self)))
+
+    def __sub__(self, earlier: Counts) -> Counts:
+        return Counts(*(getattr(self, e.name) - getattr(earlier, e.name) for e in fields(self)))
 
 
 @dataclass(frozen=True, slots=True)
-class DrivenStep:
-    """One step, as the driver tells it.
+class StepRecord:
+    """One step, as its car records it.
 
     Attributes:
         transition: What the replay buffer may keep.
         end: Whether and how the episode ended.
         counts: What the step adds to the run's counts.
         episode_return: Undiscounted environment reward of the episode so far.
-        draw: Of the policy; None where the expert drove.
     """
 
     transition: Transition
-    end: End
+    end: EpisodeEnd
     counts: Counts
     episode_return: float
-    draw: Draw | None = None
 
     @property
     def seen(self) -> Mapping[str, NDArray[Any]]:

@@ -1,4 +1,4 @@
-"""The cars of a training together, in one process or in several.
+"""The cars of a training together, in one process or each in a process of its own.
 
 Wherever they are, they drive the same steps, and come in the same order.
 """
@@ -7,63 +7,64 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from itertools import chain
-from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-from stable_baselines3.common.vec_env import VecEnv
-from torch import nn
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
-from irl_dal.learning.collection.step_record import DrivenStep
+from irl_dal.learning.collection.step_record import StepRecord
 from irl_dal.planner import DiffusionPlanner
 
-__all__ = ["Fleet"]
+__all__ = ["DriverProcesses", "VecDriver"]
 
 BLOCK = 250
 """Steps of a demonstration that each car drives before it waits for the others: slow and fast ones
-even out, and two cars are done when the next update is due (Table II)."""
+even out, and two cars are done when the next planner update is due (Table II: every 500 steps)."""
 
 
-class Fleet:
-    """Asks all cars at once.
+class DriverProcesses(SubprocVecEnv):
+    """stable-baselines3's cars in processes, which can be closed at any moment.
 
-    Args:
-        drivers: A vector of `Driver`.
+    After Ctrl-C some cars have answered and others have not, and stable-baselines3 would wait for
+    answers that it has already. Nothing in these processes needs an orderly end.
     """
 
-    def __init__(self, drivers: VecEnv) -> None:
-        self.drivers = drivers
+    def close(self) -> None:
+        """End the processes, whatever they do."""
+        if self.closed:
+            return
+        for process in self.processes:
+            process.terminate()
+        for process in self.processes:
+            process.join()
+        self.closed = True
+
+
+class VecDriver:
+    """What the pipeline asks of all cars beside `VecEnv.step`.
+
+    Args:
+        cars: A vector of `Driver`.
+    """
+
+    def __init__(self, cars: VecEnv) -> None:
+        self._cars = cars
 
     def begin_at(self, episodes: Sequence[int]) -> None:
         """Number of the episode that each car begins next."""
         for car, episode in enumerate(episodes):
-            self.drivers.env_method("begin_at", episode, indices=[car])
+            self._cars.env_method("begin_at", episode, indices=[car])
 
-    def demonstrations(self, steps: int) -> Iterator[DrivenStep]:
+    def demonstrations(self, steps: int) -> Iterator[StepRecord]:
         """At least so many steps of the expert, of all cars together, the cars in turn.
 
-        The expert drives the same whatever has been learnt, so a car needs nothing from the
-        learners or from other cars.
+        The expert drives the same whatever was learnt, so cars need not wait for the learners.
         """
-        each = -(-steps // self.drivers.num_envs)
+        each = -(-steps // self._cars.num_envs)
         for begun in range(0, each, BLOCK):
-            cars = self.drivers.env_method("demonstrate", min(BLOCK, each - begun))
+            cars = self._cars.env_method("demonstrate", min(BLOCK, each - begun))
             yield from chain.from_iterable(zip(*cars, strict=True))
 
-    def load_weights(self, policy: nn.Module, planner: DiffusionPlanner | None) -> None:
-        """Let the cars drive with the policy, and plan with the planner, as they are now."""
-        denoiser = None if planner is None else _arrays(planner.denoiser)
-        self.drivers.env_method("load_weights", _arrays(policy), denoiser)
-
-    def drive(self, steps: int) -> list[tuple[DrivenStep, ...]]:
-        """So many steps of the policy, each of every car."""
-        return list(zip(*self.drivers.env_method("drive", steps), strict=True))
-
-    def seen(self) -> dict[str, NDArray[Any]]:
-        """What the cars see now, batched."""
-        cars = self.drivers.env_method("seen")
-        return {key: np.stack([seen[key] for seen in cars]) for key in cars[0]}
-
-
-def _arrays(network: nn.Module) -> dict[str, NDArray[Any]]:
-    return {name: values.numpy() for name, values in network.state_dict().items()}
+    def load_planner(self, planner: DiffusionPlanner | None) -> None:
+        """Let the cars plan with a planner's weights as they are now; nothing without a planner."""
+        if planner is not None:
+            weights = {name: w.numpy() for name, w in planner.denoiser.state_dict().items()}
+            self._cars.env_method("load_planner", weights)

@@ -12,6 +12,7 @@ The mask (LAM) lies on the way from observation to action, so these gradients tr
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -22,7 +23,6 @@ from torch import Tensor, nn
 
 from expert.modes import Mode
 from expert.replay import ReplayBatch, ReplayBuffer
-from irl_dal.learning.precision import reduced_precision
 from irl_dal.learning.reinforcement.policy import (
     DrivingPolicy,
     actor_parameters,
@@ -30,61 +30,58 @@ from irl_dal.learning.reinforcement.policy import (
     observation_tensors,
 )
 from irl_dal.perception import LearnableAdaptiveMask
+from irl_dal.shortcuts import reduced_precision
+from shield.arguments import check_positive, check_within
 
 __all__ = ["BehaviourCloning", "CloningConfig", "CloningLoss"]
 
 
+STEPS_PER_LOOK = 150
+"""Gradient steps between two looks of the plateau scheduler, each at the mean held-out loss since
+the last one: as many as an update of phase 1 has. An update of phase 2 alone is too short to tell.
+"""
+
+FACTOR, MIN_LEARNING_RATE = 0.5, 5e-5
+"""By which the learning rate falls on a plateau (stable practice; Table II gives the patience
+only), and where it stops falling: new states keep coming."""
+
+VALIDATION_SIZE = 512
+"""Held-out samples behind each reported loss, drawn evenly over the modes."""
+
+
 @dataclass(frozen=True, slots=True)
 class CloningConfig:
-    """Behaviour cloning (Table II unless stated).
+    """Behaviour cloning (Table II unless the attribute says otherwise).
 
     Attributes:
         learning_rate: eta_BC of Adam.
         l2: lambda_L2.
         max_grad_norm: G_max.
         patience: Looks at the held-out loss without progress before the learning rate falls.
-        steps_per_look: Gradient steps between two such looks, each at the mean held-out loss since
-            the last one (not in the paper). An update of phase 2 alone is too short to tell.
-        factor: By which it falls (not in the paper).
-        min_learning_rate: Where it stops falling (not in the paper): new states keep coming.
         batch_size: Samples per gradient step (not in the paper).
         steps_imitation: Gradient steps per update in phase 1 (not in the paper).
         steps_mixed: Gradient steps per update in phase 2 (not in the paper).
         corrected_share: Part of each batch drawn from the steps that experience correction marked,
             as soon as there are any (not in the paper).
-        validation_size: Held-out samples behind each reported loss (not in the paper).
-        bfloat16: Multiply in bfloat16 in gradient steps where the processor can (not in the paper):
-            a third faster, with the same held-out loss.
     """
 
     learning_rate: float = 3e-4
     l2: float = 1e-6
     max_grad_norm: float = 0.5
     patience: int = 5
-    steps_per_look: int = 150
-    factor: float = 0.5
-    min_learning_rate: float = 5e-5
     batch_size: int = 128
     steps_imitation: int = 150
     steps_mixed: int = 60
     corrected_share: float = 0.25
-    validation_size: int = 512
-    bfloat16: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("learning_rate", "max_grad_norm"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        for name in ("l2", "steps_imitation", "steps_mixed", "patience", "min_learning_rate"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        for name in ("batch_size", "validation_size", "steps_per_look"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        if not 0.0 < self.factor < 1.0:
-            raise ValueError(f"`factor` must be in (0, 1). Got {self.factor}.")
-        if not 0.0 <= self.corrected_share <= 1.0:
-            raise ValueError(f"`corrected_share` must be in [0, 1]. Got {self.corrected_share}.")
+        check_positive(
+            ValueError, learning_rate=self.learning_rate, max_grad_norm=self.max_grad_norm
+        )
+        names = ("l2", "patience", "steps_imitation", "steps_mixed")
+        check_within(ValueError, 0, math.inf, **{name: getattr(self, name) for name in names})
+        check_within(ValueError, 1, math.inf, batch_size=self.batch_size)
+        check_within(ValueError, 0.0, 1.0, corrected_share=self.corrected_share)
 
 
 @dataclass(frozen=True, slots=True)
@@ -118,9 +115,9 @@ class BehaviourCloning:
         self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate, fused=True)
         self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
             self._optimizer,
-            factor=config.factor,
+            factor=FACTOR,
             patience=config.patience,
-            min_lr=config.min_learning_rate,
+            min_lr=MIN_LEARNING_RATE,
         )
         self._steps = 0
         self._seen: list[float] = []
@@ -132,7 +129,7 @@ class BehaviourCloning:
 
     def loss(self, observation: dict[str, Tensor], labels: Tensor) -> Tensor:
         """Eq. bc_loss_with_l2: batch mean of the squared norm, plus the L2 term; a scalar."""
-        with reduced_precision(self.policy.device, wanted=self.config.bfloat16):
+        with reduced_precision(self.policy.device):
             actions = mean_action(self.policy, observation)
         error = actions.float() - labels
         norm = torch.stack([parameter.square().sum() for parameter in self._regularised]).sum()
@@ -169,7 +166,7 @@ class BehaviourCloning:
         """Loss on held-out states, drawn evenly over the modes; None while nothing is held out."""
         if replay.count(held_out=True) == 0:
             return None
-        batch = replay.sample(rng, self.config.validation_size, held_out=True)
+        batch = replay.sample(rng, VALIDATION_SIZE, held_out=True)
         with torch.no_grad():
             actions = mean_action(self.policy, observation_tensors(batch, self.policy.device))
         errors = (actions.cpu().numpy() - batch.labels) ** 2
@@ -181,9 +178,9 @@ class BehaviourCloning:
         return CloningLoss(float(np.mean(list(per_mode.values()))), per_mode)
 
     def plateau(self, loss: float) -> None:
-        """Take note of a held-out loss; the scheduler looks every `steps_per_look` steps."""
+        """Take note of a held-out loss; the scheduler looks every `STEPS_PER_LOOK` steps."""
         self._seen.append(loss)
-        if self._steps >= self.config.steps_per_look:
+        if self._steps >= STEPS_PER_LOOK:
             self._scheduler.step(float(np.mean(self._seen)))
             self._steps, self._seen = 0, []
 

@@ -8,6 +8,7 @@ optimiser moves are kept here.
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,59 +18,50 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from expert.replay import ReplayBuffer
-from irl_dal.learning.precision import reduced_precision
 from irl_dal.planner import DiffusionPlanner
+from irl_dal.shortcuts import reduced_precision
+from shield.arguments import check_positive, check_within
 
 __all__ = ["DiffusionTraining", "DiffusionTrainingConfig"]
 
 
+MAX_GRAD_NORM = 1.0
+"""Larger than Table II's G_max, which is the policy's: the denoiser's gradients are not mixed with a
+policy's."""
+
+PATIENCE, FACTOR, MIN_LEARNING_RATE = 5, 0.5, 1e-4
+"""Updates without progress before the learning rate falls (Table II), by which it falls, and where
+it stops falling: new stretches keep coming."""
+
+AVERAGE_DECAY = 0.99
+"""Share of the moving average that a gradient step leaves in place: about two updates of phase 1."""
+
+VALIDATION_SIZE = 512
+"""Held-out chunks behind each reported loss."""
+
+
 @dataclass(frozen=True, slots=True)
 class DiffusionTrainingConfig:
-    """Training of the planner (not in the paper unless stated).
+    """Training of the planner (not in the paper).
 
     Attributes:
         learning_rate: Of Adam.
-        max_grad_norm: Larger than Table II's G_max, which is the policy's: the denoiser's
-            gradients are not mixed with a policy's.
-        patience: Updates without progress before the learning rate falls (Table II).
-        factor: By which it falls.
-        min_learning_rate: Where it stops falling.
         batch_size: Chunks per gradient step.
         steps_imitation: Gradient steps per update in phase 1.
-        steps_mixed: Gradient steps per update in phase 2.
-        average_decay: Share of the moving average that a gradient step leaves in place; 0 for the
-            newest weights.
-        validation_size: Held-out chunks behind each reported loss.
-        bfloat16: Multiply in bfloat16 in gradient steps where the processor can: a third faster,
-            with the same held-out loss.
+        steps_mixed: The same in phase 2; 0 trains the planner in phase 1 only (Algorithm 1 does not
+            say).
     """
 
     learning_rate: float = 1e-3
-    max_grad_norm: float = 1.0
-    patience: int = 5
-    factor: float = 0.5
-    min_learning_rate: float = 1e-4
     batch_size: int = 256
     steps_imitation: int = 40
     steps_mixed: int = 10
-    average_decay: float = 0.99
-    validation_size: int = 512
-    bfloat16: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("learning_rate", "max_grad_norm"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        for name in ("steps_imitation", "steps_mixed", "patience", "min_learning_rate"):
-            if getattr(self, name) < 0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        for name in ("batch_size", "validation_size"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        if not 0.0 < self.factor < 1.0:
-            raise ValueError(f"`factor` must be in (0, 1). Got {self.factor}.")
-        if not 0.0 <= self.average_decay < 1.0:
-            raise ValueError(f"`average_decay` must be in [0, 1). Got {self.average_decay}.")
+        check_positive(ValueError, learning_rate=self.learning_rate)
+        check_within(ValueError, 1, math.inf, batch_size=self.batch_size)
+        steps = {"steps_imitation": self.steps_imitation, "steps_mixed": self.steps_mixed}
+        check_within(ValueError, 0, math.inf, **steps)
 
 
 class DiffusionTraining:
@@ -95,9 +87,9 @@ class DiffusionTraining:
         )
         self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
             self._optimizer,
-            factor=config.factor,
-            patience=config.patience,
-            min_lr=config.min_learning_rate,
+            factor=FACTOR,
+            patience=PATIENCE,
+            min_lr=MIN_LEARNING_RATE,
         )
 
     @property
@@ -122,11 +114,11 @@ class DiffusionTraining:
         losses = []
         for _ in range(steps):
             chunks = replay.chunks(self._rng, self.config.batch_size, balanced=balanced)
-            with reduced_precision(self._device, wanted=self.config.bfloat16):
+            with reduced_precision(self._device):
                 loss = self.planner.loss(*_tensors(chunks, self._device))
             self._optimizer.zero_grad()
             loss.backward()
-            nn.utils.clip_grad_norm_(self._network.parameters(), self.config.max_grad_norm)
+            nn.utils.clip_grad_norm_(self._network.parameters(), MAX_GRAD_NORM)
             self._optimizer.step()
             self._follow(average)
             losses.append(loss.item())
@@ -140,7 +132,7 @@ class DiffusionTraining:
         """Loss of the averaged weights on held-out chunks, told to the scheduler; None without."""
         if replay.count(held_out=True, source="chunk") == 0:
             return None
-        chunks = replay.chunks(self._rng, self.config.validation_size, held_out=True)
+        chunks = replay.chunks(self._rng, VALIDATION_SIZE, held_out=True)
         with torch.no_grad():
             loss = self.planner.loss(*_tensors(chunks, self._device)).item()
         self._scheduler.step(loss)
@@ -174,7 +166,7 @@ class DiffusionTraining:
     def _follow(self, average: dict[str, Tensor]) -> None:
         """Move the average towards the weights, faster at first to forget the early ones."""
         self._updates += 1
-        decay = min(self.config.average_decay, self._updates / (self._updates + 10.0))
+        decay = min(AVERAGE_DECAY, self._updates / (self._updates + 10.0))
         for name, value in self._network.state_dict().items():
             average[name].lerp_(value, 1.0 - decay)
 

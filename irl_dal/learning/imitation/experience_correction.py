@@ -2,17 +2,18 @@
 
 | form | replay buffer D_s | PPO buffer |
 |---|---|---|
-| `label` (default) | state, expert's label, marker | the policy's own draw and log-probability |
+| `label` (default) | state, expert's label, marker | the policy's own sample and log-probability |
 | `paper` (Eq. 28) | the same | a_expert, its log-probability under the policy |
-| `off` | such steps are left out | the policy's own draw |
+| `off` | such steps are left out | the policy's own sample |
 
-Eq. 28 as printed tells PPO that the policy drew an action which it did not draw, with a reward that
+Eq. 28 as printed tells PPO that the policy sampled an action which it did not, with a reward that
 another action earned: a biased surrogate. In the default form planner and shield are part of the
 environment, and the correction reaches the policy through behaviour cloning.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -21,9 +22,8 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from irl_dal.learning.collection.step_record import DrivenStep
+from irl_dal.learning.collection.step_record import StepRecord
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
-from irl_dal.learning.reinforcement.rollout_buffer import Correction
 
 __all__ = ["CorrectionForm", "ExperienceCorrection"]
 
@@ -57,33 +57,26 @@ class ExperienceCorrection:
             self.marks += 1
         return not intervened or self.form != "off"
 
-    def replaces(self, intervened: bool) -> bool:
-        """Whether the PPO buffer gets the expert's action in place of the policy's."""
-        return intervened and self.form == "paper"
-
-    def of(self, step: DrivenStep, policy: DrivingPolicy) -> Correction | None:
-        """What the PPO buffer gets of a step in place of the policy's own draw, if anything."""
-        if not self.replaces(step.transition.intervened):
-            return None
-        seen, _ = policy.obs_to_tensor(dict(step.seen))
-        assert isinstance(seen, dict)
-        return self.expert_draw(policy, seen, step.transition.label)
-
-    @staticmethod
     @torch.no_grad()
-    def expert_draw(
-        policy: DrivingPolicy, observation: dict[str, Tensor], label: NDArray[np.float32]
-    ) -> tuple[NDArray[np.float32], float]:
-        """The expert's action as the printed form stores it.
+    def correct(
+        self,
+        policy: DrivingPolicy,
+        records: Sequence[StepRecord],
+        actions: NDArray[np.float32],
+        log_probs: Tensor,
+    ) -> None:
+        """Put the expert's action in place of the policy's sample where the printed form does.
 
         Args:
             policy: Under which the log-probability is taken.
-            observation: Of the step, batched (1, ...).
-            label: a_expert (2,), normalised.
-
-        Returns:
-            The action (2,) and its log-probability.
+            records: A step of each of the E cars.
+            actions: The policy's samples (E, 2), normalised; changed in place.
+            log_probs: Their log-probabilities (E,); changed in place.
         """
-        distribution = policy.get_distribution(observation)
-        actions = torch.from_numpy(label.reshape(1, 2)).to(policy.device)
-        return label, float(distribution.log_prob(actions)[0])
+        for car, record in enumerate(records):
+            if self.form != "paper" or not record.transition.intervened:
+                continue
+            seen, _ = policy.obs_to_tensor(dict(record.seen))
+            actions[car] = record.transition.label
+            label = torch.from_numpy(actions[car : car + 1]).to(policy.device)
+            log_probs[car] = policy.get_distribution(seen).log_prob(label)[0]  # type: ignore[arg-type]

@@ -13,6 +13,7 @@ positive logit says "the expert would do this".
 from __future__ import annotations
 
 import copy
+import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -22,11 +23,28 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
+from shield.arguments import check_positive, check_within
 
 __all__ = ["Discriminator", "DiscriminatorConfig", "DiscriminatorReport", "discriminator_loss"]
 
 KEPT_OUT = 5
 """One pair in so many is kept out of an update, to report an honest accuracy."""
+
+HIDDEN = 128
+"""Units in each of the two hidden layers (not in the paper): a quarter of the features."""
+
+BATCH_SIZE = 256
+"""Expert samples, and as many of the agent's, per gradient step (not in the paper)."""
+
+ACTION_NOISE = 0.1
+"""Standard deviation of the noise on both sides' actions in training, normalised units: without it
+the agent's exploration noise alone gives it away, and the reward is -1 whatever it does."""
+
+WEIGHT_DECAY = 1e-3
+"""Of Adam (not in the paper): against overfitting to the few pairs of an update."""
+
+MAX_GRAD_NORM = 0.5
+"""G_max (Table II)."""
 
 _Pairs = tuple[Tensor, Tensor]
 
@@ -36,37 +54,18 @@ class DiscriminatorConfig:
     """The discriminator (nothing of it is in the paper but its loss and its interval).
 
     Attributes:
-        hidden: Units in its two hidden layers.
         learning_rate: Of Adam.
         steps: Gradient steps per update.
-        batch_size: Expert samples, and as many of the agent's, per gradient step.
         samples: Expert samples, and at most as many of the agent's, that are encoded per update.
-        action_noise: Standard deviation of the noise added to both sides' actions in training,
-            normalised units: without it the agent's exploration noise alone gives it away, and the
-            reward is -1 whatever it does.
-        weight_decay: Of Adam.
-        max_grad_norm: G_max (Table II).
     """
 
-    hidden: int = 128
     learning_rate: float = 3e-4
     steps: int = 100
-    batch_size: int = 256
     samples: int = 2048
-    action_noise: float = 0.1
-    weight_decay: float = 1e-3
-    max_grad_norm: float = 0.5
 
     def __post_init__(self) -> None:
-        for name in ("hidden", "steps", "batch_size", "samples"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("learning_rate", "max_grad_norm"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        for name in ("action_noise", "weight_decay"):
-            if getattr(self, name) < 0.0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        check_within(ValueError, 1, math.inf, steps=self.steps, samples=self.samples)
+        check_positive(ValueError, learning_rate=self.learning_rate)
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +91,7 @@ class Discriminator:
 
     Args:
         policy: Whose perception is copied.
-        config: Sizes, regularisation.
+        config: Learning rate and extent of an update.
         generator: Source of the first weights, of batches and of the action noise.
     """
 
@@ -107,9 +106,9 @@ class Discriminator:
         self._encoder = copy.deepcopy(policy.features_extractor).requires_grad_(False).eval()
         with torch.random.fork_rng():
             torch.manual_seed(int(torch.randint(2**62, (), generator=generator)))
-            self._head = _head(policy.features_dim, config.hidden).to(policy.device)
+            self._head = _head(policy.features_dim).to(policy.device)
         self._optimizer = torch.optim.Adam(
-            self._head.parameters(), lr=config.learning_rate, weight_decay=config.weight_decay
+            self._head.parameters(), lr=config.learning_rate, weight_decay=WEIGHT_DECAY
         )
 
     def sync_features(self, policy: DrivingPolicy) -> None:
@@ -153,7 +152,7 @@ class Discriminator:
             )
             self._optimizer.zero_grad()
             loss.backward()
-            nn.utils.clip_grad_norm_(self._head.parameters(), self.config.max_grad_norm)
+            nn.utils.clip_grad_norm_(self._head.parameters(), MAX_GRAD_NORM)
             self._optimizer.step()
             losses.append(loss.item())
         self.updates += 1
@@ -195,11 +194,11 @@ class Discriminator:
         return (features[~kept], actions[~kept]), (features[kept], actions[kept])
 
     def _batch(self, features: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        size = (self.config.batch_size,)
+        size = (BATCH_SIZE,)
         rows = torch.randint(len(features), size, generator=self._generator, device=self._device)
         chosen = actions[rows]
         noise = torch.randn(chosen.shape, generator=self._generator, device=self._device)
-        return features[rows], chosen + self.config.action_noise * noise
+        return features[rows], chosen + ACTION_NOISE * noise
 
 
 def discriminator_loss(expert_logit: Tensor, agent_logit: Tensor) -> Tensor:
@@ -207,15 +206,15 @@ def discriminator_loss(expert_logit: Tensor, agent_logit: Tensor) -> Tensor:
     return softplus(-expert_logit).mean() + softplus(agent_logit).mean()
 
 
-def _head(features: int, hidden: int) -> nn.Sequential:
+def _head(features: int) -> nn.Sequential:
     # The features' scale drifts between two syncs; LayerNorm keeps it away from the head.
     return nn.Sequential(
         _NormalisedInput(features),
-        nn.Linear(features + 2, hidden),
+        nn.Linear(features + 2, HIDDEN),
         nn.Tanh(),
-        nn.Linear(hidden, hidden),
+        nn.Linear(HIDDEN, HIDDEN),
         nn.Tanh(),
-        nn.Linear(hidden, 1),
+        nn.Linear(HIDDEN, 1),
     )
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
@@ -20,7 +19,6 @@ from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
 __all__ = [
     "PERCEIVED",
     "DrivingPolicy",
-    "PPOConfig",
     "actor_parameters",
     "appraise",
     "build_policy",
@@ -32,67 +30,9 @@ __all__ = [
 PERCEIVED = "perceived"
 """Key of features that stand for the observations they were made from."""
 
-
-@dataclass(frozen=True, slots=True)
-class PPOConfig:
-    """The RL backbone (Table II unless stated).
-
-    Attributes:
-        n_steps: Steps per update.
-        batch_size: Samples per gradient step.
-        n_epochs: Passes over the steps per update.
-        gamma: Discount factor.
-        gae_lambda: GAE's lambda.
-        learning_rate: Of Adam.
-        clip_range: Of the probability ratio.
-        ent_coef: Entropy coefficient c_2.
-        vf_coef: Value loss coefficient c_1.
-        max_grad_norm: G_max.
-        initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
-            normalised units, steering and speed. Not in the paper: small, so that exploring does
-            not undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
-        target_kl: Divergence of an update that the actor's learning rate is steered to (not in
-            the paper, see `ppo`); None keeps the rate at `learning_rate`.
-        initial_actor_rate: Where that rate begins (not in the paper).
-        perception_gradient: Let PPO's gradients into the shared features (the paper does not say);
-            otherwise only behaviour cloning trains them.
-        renew: Take values and probability ratios from the policy as it is when the update begins
-            (not in the paper); False from the one that acted, which behaviour cloning has moved
-            on since.
-        hidden: Units in the two hidden layers of each head (stable-baselines3's default; the paper
-            says "lightweight MLP head").
-    """
-
-    n_steps: int = 2048
-    batch_size: int = 64
-    n_epochs: int = 10
-    gamma: float = 0.99
-    gae_lambda: float = 0.95
-    learning_rate: float = 3e-4
-    clip_range: float = 0.2
-    ent_coef: float = 0.01
-    vf_coef: float = 0.5
-    max_grad_norm: float = 0.5
-    initial_log_std: tuple[float, float] = (-3.0, -2.5)
-    target_kl: float | None = 0.02
-    initial_actor_rate: float = 1e-4
-    perception_gradient: bool = False
-    renew: bool = True
-    hidden: int = 64
-
-    def __post_init__(self) -> None:
-        for name in ("n_steps", "batch_size", "n_epochs", "hidden"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("learning_rate", "clip_range", "max_grad_norm", "initial_actor_rate"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        if self.target_kl is not None and not self.target_kl > 0.0:
-            raise ValueError(f"`target_kl` must be positive. Got {self.target_kl}.")
-        if not 0.0 <= self.gamma < 1.0:
-            raise ValueError(f"`gamma` must be in [0, 1). Got {self.gamma}.")
-        if not 0.0 <= self.gae_lambda <= 1.0:
-            raise ValueError(f"`gae_lambda` must be in [0, 1]. Got {self.gae_lambda}.")
+HIDDEN = 64
+"""Units in each of the two hidden layers of a head: stable-baselines3's default. The paper says
+"lightweight MLP head"."""
 
 
 class DrivingPolicy(MultiInputActorCriticPolicy):
@@ -115,7 +55,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
             Actions (B, 2), values (B, 1), log-probabilities (B,).
         """
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
-        distribution = self._get_action_dist_from_latent(latent_pi)
+        distribution = self.action_dist.proba_distribution(self.action_net(latent_pi), self.log_std)
         actions = distribution.mode()
         if not deterministic:
             noise = torch.randn(actions.shape, generator=self.generator, device=actions.device)
@@ -141,7 +81,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
             with torch.set_grad_enabled(torch.is_grad_enabled() and self.perception_gradient):
                 features = self._features(obs)
         latent_pi, latent_vf = self.mlp_extractor(features)
-        distribution = self._get_action_dist_from_latent(latent_pi)
+        distribution = self.action_dist.proba_distribution(self.action_net(latent_pi), self.log_std)
         log_prob = distribution.log_prob(actions)
         return self.value_net(latent_vf), log_prob, distribution.entropy()
 
@@ -151,8 +91,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
     ) -> dict[str, NDArray[Any]]:
         """Features (N, 512) of N observations (images channels first), in their place.
 
-        Whoever looks at the same observations again and again, and sends no gradients into the
-        perception, looks once.
+        Without gradients into the perception they are the same in every epoch of an update.
         """
         parts = []
         for start in range(0, len(observations["speed"]), batch_size):
@@ -166,12 +105,12 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
         return features
 
 
-def policy_arguments(config: PPOConfig, perception: PerceptionConfig) -> dict[str, Any]:
+def policy_arguments(perception: PerceptionConfig) -> dict[str, Any]:
     """Keyword arguments of `DrivingPolicy`."""
     return {
         "features_extractor_class": DrivingFeaturesExtractor,
         "features_extractor_kwargs": {"config": perception},
-        "net_arch": {"pi": [config.hidden] * 2, "vf": [config.hidden] * 2},
+        "net_arch": {"pi": [HIDDEN] * 2, "vf": [HIDDEN] * 2},
     }
 
 
@@ -192,7 +131,6 @@ def appraise(
 def build_policy(
     observation_space: gymnasium.spaces.Dict,
     action_space: gymnasium.spaces.Box,
-    config: PPOConfig,
     perception: PerceptionConfig,
 ) -> DrivingPolicy:
     """A policy without PPO, to load weights into: `predict` takes the city's observations.
@@ -200,7 +138,6 @@ def build_policy(
     Args:
         observation_space: The city's, images channels last.
         action_space: The city's.
-        config: Sizes of the heads.
         perception: Of the extractor.
     """
     spaces = dict(observation_space.spaces)
@@ -212,8 +149,8 @@ def build_policy(
         return DrivingPolicy(
             gymnasium.spaces.Dict(spaces),
             action_space,
-            lambda _: config.learning_rate,
-            **policy_arguments(config, perception),
+            lambda _: 0.0,  # the learning rate of an optimiser that is never used
+            **policy_arguments(perception),
         )
 
 

@@ -14,26 +14,90 @@ cloned. Three things keep it near, none of them in the paper:
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from stable_baselines3 import PPO
 from stable_baselines3.common.vec_env import VecEnv
-from torch import Tensor
+from torch import Tensor, nn
 
-from irl_dal.learning.collection.step_record import End
-from irl_dal.learning.reinforcement.policy import DrivingPolicy, PPOConfig, policy_arguments
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, policy_arguments
 from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.perception import PerceptionConfig
+from shield.arguments import check_positive, check_within
 
-__all__ = ["ActorRate", "DrivingPPO", "build_ppo", "divergence"]
+__all__ = ["ActorCriticAdam", "ActorRate", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
 
 SAMPLES = 256
 """Observations on which the divergence of an update is measured."""
+
+INITIAL_ACTOR_RATE = 1e-4
+"""Where the actor's learning rate begins: the size at which the first updates have the target
+divergence (measured); it then follows."""
+
+LOWEST_ACTOR_RATE = 1e-7
+"""Below it the actor stands still, and doubling takes many updates to bring it back."""
+
+ADAM_EPSILON = 1e-5
+"""stable-baselines3's default for PPO."""
+
+
+@dataclass(frozen=True, slots=True)
+class PPOConfig:
+    """The RL backbone (Table II unless the attribute says otherwise).
+
+    Attributes:
+        n_steps: Steps per update, of all cars together.
+        batch_size: Samples per gradient step.
+        n_epochs: Passes over the steps per update.
+        gamma: Discount factor.
+        gae_lambda: GAE's lambda.
+        learning_rate: Of Adam.
+        clip_range: Of the probability ratio.
+        ent_coef: Entropy coefficient c_2.
+        vf_coef: Value loss coefficient c_1.
+        max_grad_norm: G_max.
+        initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
+            normalised units, steering and speed. Not in the paper: small, so that exploring does
+            not undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
+        target_kl: Divergence of an update that the actor's learning rate is steered to (not in
+            the paper, see above); None keeps the rate at `learning_rate`.
+        perception_gradient: Let PPO's gradients into the shared features (the paper does not say);
+            otherwise only behaviour cloning trains them.
+        renew: Take values and probability ratios from the policy as it is when the update begins
+            (not in the paper); False from the one that acted, which behaviour cloning has moved
+            on since.
+    """
+
+    n_steps: int = 2048
+    batch_size: int = 64
+    n_epochs: int = 10
+    gamma: float = 0.99
+    gae_lambda: float = 0.95
+    learning_rate: float = 3e-4
+    clip_range: float = 0.2
+    ent_coef: float = 0.01
+    vf_coef: float = 0.5
+    max_grad_norm: float = 0.5
+    initial_log_std: tuple[float, float] = (-3.0, -2.5)
+    target_kl: float | None = 0.02
+    perception_gradient: bool = False
+    renew: bool = True
+
+    def __post_init__(self) -> None:
+        sizes = {name: getattr(self, name) for name in ("n_steps", "batch_size", "n_epochs")}
+        check_within(ValueError, 1, math.inf, **sizes)
+        rates = ("learning_rate", "clip_range", "max_grad_norm")
+        check_positive(ValueError, **{name: getattr(self, name) for name in rates})
+        if self.target_kl is not None:
+            check_positive(ValueError, target_kl=self.target_kl)
+        check_within(ValueError, 0.0, 1.0, gae_lambda=self.gae_lambda)
+        if not 0.0 <= self.gamma < 1.0:
+            raise ValueError(f"`gamma` must be in [0, 1). Got {self.gamma}.")
 
 
 @dataclass(slots=True)
@@ -43,14 +107,12 @@ class ActorRate:
     Attributes:
         value: Present rate.
         ceiling: Largest rate.
-        target: Divergence that one update should have; None leaves the rate at the ceiling.
-        floor: Smallest rate.
+        target: Divergence that an update should have; None leaves the rate at the ceiling.
     """
 
     value: float
     ceiling: float
     target: float | None
-    floor: float = 1e-7
 
     def __post_init__(self) -> None:
         if self.target is None:
@@ -61,91 +123,89 @@ class ActorRate:
         if self.target is None:
             return
         if measured > 1.5 * self.target:
-            self.value = max(self.value / 2.0, self.floor)
+            self.value = max(self.value / 2.0, LOWEST_ACTOR_RATE)
         elif measured < self.target / 1.5:
             self.value = min(self.value * 2.0, self.ceiling)
 
 
+class ActorCriticAdam(torch.optim.Adam):
+    """Adam whose first group, the actor, has a learning rate of its own.
+
+    stable-baselines3 sets one rate for all groups before every update.
+
+    Args:
+        actor: Parameters of the actor, the perception's included.
+        critic: Parameters of the critic.
+        learning_rate: Of the critic.
+        actor_rate: Of the actor.
+    """
+
+    def __init__(
+        self,
+        actor: list[nn.Parameter],
+        critic: list[nn.Parameter],
+        learning_rate: float,
+        actor_rate: ActorRate,
+    ) -> None:
+        groups = [{"params": actor}, {"params": critic}]
+        super().__init__(groups, lr=learning_rate, eps=ADAM_EPSILON, fused=True)
+        self.actor_rate = actor_rate
+
+    def step(self, closure: Callable[[], float] | None = None) -> float | None:  # type: ignore[override]
+        """A step with the actor's present rate."""
+        self.param_groups[0]["lr"] = self.actor_rate.value
+        loss: float | None = super().step(closure)
+        return loss
+
+
 class DrivingPPO(PPO):
-    """PPO on a `DrivingPolicy`, with a learning rate of its own for the actor.
+    """PPO on a `DrivingPolicy` and a `HybridRolloutBuffer`.
 
     Attributes:
         actor_rate: Set by `build_ppo`.
     """
 
+    policy: DrivingPolicy
+    rollout_buffer: HybridRolloutBuffer
     actor_rate: ActorRate
 
-    def begin_rollout(self, size: int) -> HybridRolloutBuffer:
-        """An empty buffer for so many steps of each car."""
-        buffer = self.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
-        if size != buffer.buffer_size:
-            buffer = self.rollout_buffer = HybridRolloutBuffer(
-                size,
-                self.observation_space,
-                self.action_space,
-                device=self.device,
-                n_envs=self.n_envs,
-                gamma=self.gamma,
-                gae_lambda=self.gae_lambda,
-                **self.rollout_buffer_kwargs,
-            )
-        buffer.reset()
-        return buffer
-
-    @torch.no_grad()
-    def end_rollout(self, seen: dict[str, NDArray[Any]], over: NDArray[np.bool_]) -> None:
-        """Returns and advantages of the complete rollout.
-
-        Args:
-            seen: What each of the E cars sees after its last step, batched.
-            over: Whether that step ended an episode (E,).
-        """
-        buffer = self.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
-        last, _ = self.policy.obs_to_tensor(seen)
-        buffer.compute_returns_and_advantage(self.policy.predict_values(last), over)
-        self.logger.record("reward/env", float(buffer.env_rewards.mean()))
-        self.logger.record("reward/imitation", float(buffer.imitation_rewards.mean()))
-        self.logger.record("reward/failures", int((buffer.ends == End.FAILURE).sum()))
+    def resize(self, steps: int) -> None:
+        """Let the next update have so many steps of each car: the last one may have fewer."""
+        if steps == self.n_steps:
+            return
+        self.n_steps = steps
+        self.rollout_buffer = HybridRolloutBuffer(
+            steps,
+            self.observation_space,
+            self.action_space,
+            device=self.device,
+            n_envs=self.n_envs,
+            gamma=self.gamma,
+            gae_lambda=self.gae_lambda,
+            **self.rollout_buffer_kwargs,
+        )
 
     def train(self) -> None:
         """Update actor and critic from the rollout; then let the actor's rate follow."""
-        policy = driving_policy(self)
+        policy, buffer = self.policy, self.rollout_buffer
         seen = self._some_observations()
         before = _gaussian(policy, seen)
         if not policy.perception_gradient:
-            self._perceive_once(policy)
+            # No epoch needs the images again.
+            shape = (buffer.buffer_size, buffer.n_envs)
+            features = policy.perceive(buffer.seen())
+            buffer.observations = {k: v.reshape(*shape, -1) for k, v in features.items()}
         super().train()
         measured = divergence(before, _gaussian(policy, seen))
         self.logger.record("train/divergence", measured)
         self.logger.record("train/actor_rate", self.actor_rate.value)
         self.actor_rate.follow(measured)
 
-    def _update_learning_rate(
-        self, optimizers: list[torch.optim.Optimizer] | torch.optim.Optimizer
-    ) -> None:
-        super()._update_learning_rate(optimizers)
-        actor, _critic = self.policy.optimizer.param_groups
-        actor["lr"] = self.actor_rate.value
-
-    def _perceive_once(self, policy: DrivingPolicy) -> None:
-        """Put features into the place of the rollout's images, which no epoch needs again."""
-        buffer = self.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
-        shape = (buffer.buffer_size, buffer.n_envs)
-        seen = policy.perceive(buffer.seen())
-        buffer.observations = {k: v.reshape(*shape, *v.shape[1:]) for k, v in seen.items()}
-
     def _some_observations(self) -> dict[str, Tensor]:
-        buffer = self.rollout_buffer
-        assert isinstance(buffer, HybridRolloutBuffer)
-        steps = buffer.buffer_size * buffer.n_envs
+        steps = self.rollout_buffer.buffer_size * self.n_envs
         rows = np.linspace(0, steps - 1, min(SAMPLES, steps)).astype(int)
-        return {
-            key: torch.from_numpy(values[rows]).to(self.device)
-            for key, values in buffer.seen().items()
-        }
+        seen = self.rollout_buffer.seen()
+        return {k: torch.from_numpy(values[rows]).to(self.device) for k, values in seen.items()}
 
 
 def divergence(before: tuple[Tensor, Tensor], after: tuple[Tensor, Tensor]) -> float:
@@ -160,34 +220,28 @@ def divergence(before: tuple[Tensor, Tensor], after: tuple[Tensor, Tensor]) -> f
     return float((torch.log(new_std / old_std) + ratio - 0.5).sum(dim=1).mean())
 
 
-def driving_policy(ppo: PPO) -> DrivingPolicy:
-    """The policy of a PPO that `build_ppo` made."""
-    assert isinstance(ppo.policy, DrivingPolicy)
-    return ppo.policy
-
-
 def build_ppo(
     env: VecEnv,
     config: PPOConfig,
     perception: PerceptionConfig,
     *,
-    rng: np.random.Generator,
-    buffer_arguments: Mapping[str, Any],
+    weights: np.random.Generator,
+    order: np.random.Generator,
     device: str = "cpu",
 ) -> DrivingPPO:
-    """PPO around our policy and rollout buffer, initialised from `rng`.
+    """PPO around our policy and rollout buffer.
 
     Args:
         env: The cars, which share `n_steps` of the configuration evenly.
         config: Of the update.
         perception: Of the policy.
-        rng: Source of the first weights.
-        buffer_arguments: Of `HybridRolloutBuffer`.
+        weights: Source of the first weights and of the exploration noise.
+        order: Source of the order of minibatches.
         device: Where the policy is.
     """
     # The networks draw their first weights from torch's global generator: lend it a seed of ours.
     with torch.random.fork_rng():
-        torch.manual_seed(int(rng.integers(2**63)))
+        torch.manual_seed(int(weights.integers(2**63)))
         ppo = DrivingPPO(
             DrivingPolicy,
             env,
@@ -202,27 +256,26 @@ def build_ppo(
             vf_coef=config.vf_coef,
             max_grad_norm=config.max_grad_norm,
             rollout_buffer_class=HybridRolloutBuffer,
-            rollout_buffer_kwargs=dict(buffer_arguments),
-            policy_kwargs=policy_arguments(config, perception),
+            rollout_buffer_kwargs={"rng": order},
+            policy_kwargs=policy_arguments(perception),
             device=device,
         )
-    policy = driving_policy(ppo)
-    policy.perception_gradient = config.perception_gradient
-    with torch.no_grad():
-        policy.log_std.copy_(torch.tensor(config.initial_log_std))
-    policy.optimizer = _two_rates(policy, config)
-    ppo.actor_rate = ActorRate(config.initial_actor_rate, config.learning_rate, config.target_kl)
+    ppo.actor_rate = ActorRate(INITIAL_ACTOR_RATE, config.learning_rate, config.target_kl)
+    _prepare(ppo.policy, config, ppo.actor_rate)
+    ppo.policy.generator = torch.Generator(ppo.device)
+    ppo.policy.generator.manual_seed(int(weights.integers(2**63)))
     return ppo
 
 
-def _two_rates(policy: DrivingPolicy, config: PPOConfig) -> torch.optim.Optimizer:
-    """PPO's Adam with the actor's parameters (the perception's too) and the critic's apart."""
+@torch.no_grad()
+def _prepare(policy: DrivingPolicy, config: PPOConfig, actor_rate: ActorRate) -> None:
+    """Our exploration noise, gradients and optimiser in place of stable-baselines3's."""
+    policy.perception_gradient = config.perception_gradient
+    policy.log_std.copy_(torch.tensor(config.initial_log_std))
     critic = [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()]
     known = {id(parameter) for parameter in critic}
     actor = [parameter for parameter in policy.parameters() if id(parameter) not in known]
-    groups = [{"params": actor}, {"params": critic}]
-    # stable-baselines3's epsilon.
-    return torch.optim.Adam(groups, lr=config.learning_rate, eps=1e-5, fused=True)
+    policy.optimizer = ActorCriticAdam(actor, critic, config.learning_rate, actor_rate)
 
 
 @torch.no_grad()
