@@ -20,7 +20,6 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CityEnv
 from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
-from irl_dal.memory import keep_freed_memory
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 from shield import SafetyFilter
@@ -136,18 +135,17 @@ def _policy(config: RunConfig, loop: ControlLoop) -> DrivingPolicy:
     """One whose weights are yet to come."""
     seen, acted = loop.city.observation_space, loop.city.action_space
     assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
-    return build_policy(seen, acted, config.learning.ppo, config.perception)
+    return build_policy(seen, acted, config.perception)
 
 
 def _driver(config: RunConfig, place: int) -> Driver:
     loop = build_loop(config, supervision(config, build_planner(config), training=True))
     seeds = np.random.SeedSequence(config.seed, spawn_key=_EPISODES)
-    return Driver(loop, _policy(config, loop), config.learning, seeds, place)
+    return Driver(loop, config.learning, seeds, place)
 
 
 def _alone(config: RunConfig, place: int) -> Driver:
     """In a process that does nothing else, and that ends when its parent says so."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     stay_on_one_thread()
-    keep_freed_memory()
     return _driver(config, place)

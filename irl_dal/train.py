@@ -23,7 +23,7 @@ from irl_dal.cli.threads import GRADIENT_THREADS, one_thread
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
-from irl_dal.memory import keep_freed_memory
+from irl_dal.shortcuts import keep_freed_memory
 from irl_dal.storage.lock import run_lock
 from irl_dal.storage.run_folder import RunFolder, create_run, default_run_dir, open_run, provenance
 

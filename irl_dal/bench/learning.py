@@ -17,7 +17,7 @@ from irl_dal.build import build_drivers, build_planner
 from irl_dal.config import RunConfig
 from irl_dal.learning import Pipeline
 from irl_dal.learning.learners import Learners
-from irl_dal.memory import keep_freed_memory
+from irl_dal.shortcuts import keep_freed_memory
 
 __all__ = ["COUNTS", "beside", "demonstrated", "learning_tables", "time_updates"]
 
@@ -49,8 +49,8 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
         )
         pipeline.learners.ppo.set_logger(pipeline.log.open(0))
         try:
-            for driven in pipeline.fleet.demonstrations(steps):
-                pipeline.recorder.take(driven)
+            for record in pipeline.cars.demonstrations(steps):
+                pipeline.recorder.take(record)
             yield pipeline.learners
         finally:
             pipeline.log.close()

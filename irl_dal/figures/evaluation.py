@@ -14,7 +14,7 @@ from matplotlib.ticker import EngFormatter, PercentFormatter
 from numpy.typing import NDArray
 
 from irl_dal.figures.style import PALETTE
-from irl_dal.learning.metrics import read_metrics
+from irl_dal.learning.run_log import read_metrics
 
 __all__ = ["draw_training"]
 

@@ -249,8 +249,8 @@ class Pipeline:
 
         Args:
             records: Of the E cars.
-            actions: The policy's samples (E, 2), changed in place as the experience correction says.
-            log_probs: Their log-probabilities (E,), likewise.
+            actions: The policy's samples (E, 2); changed in place by the correction.
+            log_probs: Their log-probabilities (E,); likewise.
         """
         for record in records:
             self._take(record)

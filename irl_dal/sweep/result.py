@@ -15,7 +15,7 @@ from expert.modes import Mode
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.rig import AgentSpec, Bench
-from irl_dal.learning.metrics import read_metrics
+from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 

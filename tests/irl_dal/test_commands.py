@@ -10,7 +10,7 @@ import yaml
 from safetensors.numpy import load_file, save_file
 
 from irl_dal import evaluate, train
-from irl_dal.learning.metrics import read_metrics
+from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.lock import run_lock
 from irl_dal.storage.run_folder import open_run
 
@@ -34,7 +34,6 @@ TINY = (
     "learning.cloning.batch_size=16",
     "learning.cloning.steps_imitation=3",
     "learning.cloning.steps_mixed=2",
-    "learning.cloning.validation_size=16",
     "learning.diffusion.steps_imitation=3",
     "learning.diffusion.steps_mixed=2",
     "learning.discriminator.steps=2",

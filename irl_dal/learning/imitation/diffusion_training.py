@@ -26,15 +26,14 @@ __all__ = ["DiffusionTraining", "DiffusionTrainingConfig"]
 
 
 MAX_GRAD_NORM = 1.0
-"""Larger than Table II's G_max, which is the policy's: the denoiser's gradients are not mixed with a
-policy's."""
+"""Larger than Table II's G_max, which is the policy's: the denoiser has gradients of its own."""
 
 PATIENCE, FACTOR, MIN_LEARNING_RATE = 5, 0.5, 1e-4
 """Updates without progress before the learning rate falls (Table II), by which it falls, and where
 it stops falling: new stretches keep coming."""
 
 AVERAGE_DECAY = 0.99
-"""Share of the moving average that a gradient step leaves in place: about two updates of phase 1."""
+"""Share of the moving average that a gradient step leaves in place: it spans about two updates."""
 
 VALIDATION_SIZE = 512
 """Held-out chunks behind each reported loss."""

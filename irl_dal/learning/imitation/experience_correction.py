@@ -79,4 +79,4 @@ class ExperienceCorrection:
             seen, _ = policy.obs_to_tensor(dict(record.seen))
             actions[car] = record.transition.label
             label = torch.from_numpy(actions[car : car + 1]).to(policy.device)
-            log_probs[car] = policy.get_distribution(seen).log_prob(label)[0]  # type: ignore[arg-type]
+            log_probs[car] = policy.get_distribution(seen).log_prob(label)[0]

@@ -51,7 +51,7 @@ def untrained_run(folder: Path, config: RunConfig | None = None) -> Path:
     loop.close()
     assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
     torch.manual_seed(0)
-    policy = build_policy(seen, acted, config.learning.ppo, config.perception)
+    policy = build_policy(seen, acted, config.perception)
     state = {
         "policy": policy.state_dict(),
         "diffusion": None if planner is None else {"network": planner.state_dict()},

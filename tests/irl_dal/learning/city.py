@@ -23,7 +23,6 @@ from irl_dal.learning import (
     LearningConfig,
     Pipeline,
     PPOConfig,
-    build_policy,
 )
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.perception import PerceptionConfig
@@ -41,13 +40,10 @@ SHORT = LearningConfig(
     checkpoint_interval=40,
     log_interval=20,
     critic_steps=5,
-    held_out_every=2,
     ppo=PPOConfig(n_steps=32, batch_size=16, n_epochs=1),
-    cloning=CloningConfig(steps_imitation=3, steps_mixed=2, batch_size=16, validation_size=16),
-    diffusion=DiffusionTrainingConfig(
-        steps_imitation=5, steps_mixed=2, batch_size=32, validation_size=16
-    ),
-    discriminator=DiscriminatorConfig(steps=5, batch_size=16, samples=32),
+    cloning=CloningConfig(steps_imitation=3, steps_mixed=2, batch_size=16),
+    diffusion=DiffusionTrainingConfig(steps_imitation=5, steps_mixed=2, batch_size=32),
+    discriminator=DiscriminatorConfig(steps=5, samples=32),
 )
 """Every part of Algorithm 1 at least twice; the last rollout has 16 steps, 8 of each car."""
 
@@ -76,10 +72,7 @@ def new_driver(
     config: LearningConfig = SHORT, place: int = 0, seed: int = 0, **supervision: Any
 ) -> Driver:
     """One of a run's cars."""
-    loop = new_loop(**supervision)
-    seen, acted = loop.city.observation_space, loop.city.action_space
-    policy = build_policy(seen, acted, config.ppo, PerceptionConfig())  # type: ignore[arg-type]
-    return Driver(loop, policy, config, np.random.SeedSequence(seed), place)
+    return Driver(new_loop(**supervision), config, np.random.SeedSequence(seed), place)
 
 
 def new_drivers(

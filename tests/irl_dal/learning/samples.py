@@ -9,10 +9,9 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import ReplayBuffer, Transition
-from irl_dal.learning.collection.counts import Counts
-from irl_dal.learning.collection.step_record import Draw, DrivenStep, End
+from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRewardConfig
-from irl_dal.learning.reinforcement.policy import DrivingPolicy, PPOConfig, build_policy
+from irl_dal.learning.reinforcement.policy import DrivingPolicy, build_policy
 from irl_dal.perception import PerceptionConfig
 
 OBSERVATION_SPACE = spaces.Dict(
@@ -32,9 +31,7 @@ def new_policy(seed: int = 0, perception: PerceptionConfig | None = None) -> Dri
     """A policy with weights drawn from `seed`."""
     with torch.random.fork_rng():
         torch.manual_seed(seed)
-        return build_policy(
-            OBSERVATION_SPACE, ACTION_SPACE, PPOConfig(), perception or PerceptionConfig()
-        )
+        return build_policy(OBSERVATION_SPACE, ACTION_SPACE, perception or PerceptionConfig())
 
 
 def observation(rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
@@ -80,21 +77,21 @@ def filled_replay(
     return buffer
 
 
-def hybrid(logits: NDArray[np.float32] | None = None, **arguments: object) -> HybridReward:
-    """A hybrid reward whose discriminator always says `logits`."""
-    return HybridReward(HybridRewardConfig(**arguments), GAMMA, lambda _seen, _acts: logits)
+def hybrid(**arguments: object) -> HybridReward:
+    """A hybrid reward with some fields of its configuration changed."""
+    return HybridReward(HybridRewardConfig(**arguments), GAMMA)  # type: ignore[arg-type]
 
 
-def driven(
+def record(
     seen: dict[str, NDArray[np.generic]],
-    draw: Draw,
     env_reward: float = 0.0,
     *,
-    end: End = End.GOES_ON,
+    end: EpisodeEnd = EpisodeEnd.GOES_ON,
     executed: float = 0.0,
     step: int = 1,
-) -> DrivenStep:
-    """A step that the policy drove, with the same executed steering and speed."""
+    intervened: bool = False,
+) -> StepRecord:
+    """A step of the policy, with the same executed steering and speed."""
     transition = Transition(
         image=seen["image"],
         lidar=seen["lidar"],
@@ -106,8 +103,8 @@ def driven(
         episode=0,
         step=step,
         reward=env_reward,
-        terminated=end in (End.SUCCESS, End.FAILURE),
-        intervened=False,
+        terminated=end in (EpisodeEnd.SUCCESS, EpisodeEnd.FAILURE),
+        intervened=intervened,
         expert_drove=False,
     )
-    return DrivenStep(transition, end, Counts(steps=1), 0.0, draw)
+    return StepRecord(transition, end, Counts(steps=1), 0.0)

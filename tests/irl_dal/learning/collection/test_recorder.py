@@ -7,9 +7,9 @@ import pytest
 
 from expert import Mode
 from expert.replay import ReplayBuffer
-from irl_dal.learning.collection.counts import Counts
 from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.collection.vec_driver import Fleet
+from irl_dal.learning.collection.step_record import Counts
+from irl_dal.learning.collection.vec_driver import VecDriver
 from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
 from shield import ActuatorLimits
 from tests.irl_dal.learning.city import new_driver, new_drivers
@@ -23,7 +23,7 @@ def new_recorder(form: str = "label") -> Recorder:
 def test_the_expert_in_the_buffer_is_the_one_that_the_planner_can_imitate() -> None:
     """Chunks are stretches of one car's executed commands, within the shield's bounds."""
     recorder = new_recorder()
-    for driven in Fleet(new_drivers()).demonstrations(80):
+    for driven in VecDriver(new_drivers()).demonstrations(80):
         recorder.take(driven)
     replay = recorder._replay
     assert replay.count(source="chunk") > 10
@@ -43,7 +43,7 @@ def test_counts_and_running_means() -> None:
     """Steps, episodes and returns are those of the cars; what comes next is remembered."""
     recorder = new_recorder()
     assert np.isnan(recorder.episode_return)
-    driven = list(Fleet(new_drivers()).demonstrations(124))
+    driven = list(VecDriver(new_drivers()).demonstrations(124))
     for step in driven:
         recorder.take(step)
     counts = recorder.counts
@@ -66,7 +66,7 @@ def test_without_correction_intervened_steps_are_not_stored() -> None:
         recorder, driver = new_recorder(form), new_driver(activation="always")
         driver.reset(seed=2)
         for _ in range(5):
-            recorder.take(driver.policy_step(np.zeros(2, np.float32)))
+            recorder.take(driver.step(np.zeros(2, np.float32))[4]["record"])
         assert len(recorder._replay) == stored
         assert recorder._replay.count(source="corrected") == stored
         assert recorder.counts.triggers == 5

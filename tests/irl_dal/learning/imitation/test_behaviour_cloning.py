@@ -9,6 +9,8 @@ import pytest
 import torch
 
 from expert.modes import Mode
+from irl_dal import shortcuts
+from irl_dal.learning.imitation import behaviour_cloning
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning, CloningConfig
 from irl_dal.learning.reinforcement.policy import actor_parameters, mean_action, observation_tensors
 from tests.irl_dal.learning.samples import filled_replay, new_policy
@@ -17,7 +19,7 @@ from tests.irl_dal.learning.samples import filled_replay, new_policy
 def test_cloning_learns_and_reports_each_mode() -> None:
     """Forty gradient steps halve the held-out loss; every mode of the data is reported."""
     replay, rng = filled_replay(), np.random.default_rng(0)
-    cloning = BehaviourCloning(new_policy(), CloningConfig(learning_rate=1e-3, validation_size=64))
+    cloning = BehaviourCloning(new_policy(), CloningConfig(learning_rate=1e-3))
     before = cloning.validate(replay, np.random.default_rng(1))
     cloning.update(lambda: replay.sample(rng, 32), 40)
     after = cloning.validate(replay, np.random.default_rng(1))
@@ -27,11 +29,12 @@ def test_cloning_learns_and_reports_each_mode() -> None:
     assert after.loss == pytest.approx(np.mean(list(after.per_mode.values())))
 
 
-def test_the_loss_is_the_papers_equation() -> None:
+def test_the_loss_is_the_papers_equation(monkeypatch: pytest.MonkeyPatch) -> None:
     """Batch mean of the squared norm plus lambda times the squared weights, recomputed."""
+    monkeypatch.setattr(shortcuts, "NATIVE_BFLOAT16", ())
     replay, policy = filled_replay(50), new_policy()
     l2 = 1e-3
-    cloning = BehaviourCloning(policy, CloningConfig(l2=l2, bfloat16=False))
+    cloning = BehaviourCloning(policy, CloningConfig(l2=l2))
     batch = replay.sample(np.random.default_rng(0), 16)
     tensors = observation_tensors(batch, "cpu")
     with torch.no_grad():
@@ -42,19 +45,21 @@ def test_the_loss_is_the_papers_equation() -> None:
     assert cloning.loss(tensors, torch.from_numpy(batch.labels)).item() == pytest.approx(expected)
 
 
-def test_bfloat16_changes_a_gradient_by_its_rounding_only() -> None:
+def test_bfloat16_changes_a_gradient_by_its_rounding_only(monkeypatch: pytest.MonkeyPatch) -> None:
     """The gradient of the weights has the same direction, and single precision."""
     replay, policy = filled_replay(50), new_policy()
     batch = replay.sample(np.random.default_rng(0), 64)
     tensors, labels = observation_tensors(batch, "cpu"), torch.from_numpy(batch.labels)
     gradients = []
-    for bfloat16 in (False, True):
+    for rounds in (False, True):
+        monkeypatch.setattr(shortcuts, "_multiplies_bfloat16", lambda rounds=rounds: rounds)
         policy.zero_grad()
-        BehaviourCloning(policy, CloningConfig(bfloat16=bfloat16)).loss(tensors, labels).backward()
+        BehaviourCloning(policy, CloningConfig()).loss(tensors, labels).backward()
         parts = [parameter.grad for parameter in actor_parameters(policy)]
         assert all(part is not None and part.dtype == torch.float32 for part in parts)
         gradients.append(torch.cat([part.flatten() for part in parts if part is not None]))
     exact, rounded = gradients
+    assert not torch.equal(exact, rounded)
     assert torch.nn.functional.cosine_similarity(exact, rounded, dim=0) > 0.99
     assert (exact - rounded).norm() < 0.1 * exact.norm()
 
@@ -108,9 +113,11 @@ def test_cloning_leaves_the_critic_and_the_exploration_alone() -> None:
     assert all(p.grad is None for p in policy.parameters())
 
 
-def test_the_learning_rate_falls_on_a_plateau() -> None:
-    """After `patience` updates without progress it is multiplied by `factor`, to its floor."""
-    config = CloningConfig(patience=2, factor=0.5, min_learning_rate=1e-4, steps_per_look=2)
+def test_the_learning_rate_falls_on_a_plateau(monkeypatch: pytest.MonkeyPatch) -> None:
+    """After `patience` updates without progress it is multiplied by `FACTOR`, to its floor."""
+    monkeypatch.setattr(behaviour_cloning, "MIN_LEARNING_RATE", 1e-4)
+    monkeypatch.setattr(behaviour_cloning, "STEPS_PER_LOOK", 2)
+    config = CloningConfig(patience=2)
     cloning = BehaviourCloning(new_policy(), config)
     batch = filled_replay(20).sample(np.random.default_rng(0), 2)
     rates = []
@@ -144,7 +151,7 @@ def test_the_reported_loss_is_that_of_episodes_never_trained_on() -> None:
     replay = filled_replay(100)
     held_out = [replay.is_held_out(int(e)) for e in replay._data["episode"][:100]]
     replay._data["label"][:100][held_out] = 10.0
-    cloning = BehaviourCloning(new_policy(), CloningConfig(validation_size=32))
+    cloning = BehaviourCloning(new_policy(), CloningConfig())
     found = cloning.validate(replay, np.random.default_rng(0))
     assert found is not None
     assert found.loss == pytest.approx(100.0, rel=0.1)
@@ -163,7 +170,6 @@ def test_without_held_out_states_there_is_no_loss() -> None:
         ("learning_rate", 0.0),
         ("l2", -1.0),
         ("batch_size", 0),
-        ("factor", 1.0),
         ("corrected_share", 2.0),
     ],
 )

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import torch
 
+from irl_dal.learning.imitation import diffusion_training
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining, DiffusionTrainingConfig
 from irl_dal.planner import DenoiserConfig, DiffusionPlanner, PlannerConfig
 from shield import ActuatorLimits
@@ -19,7 +20,7 @@ def new_training(seed: int = 0, **arguments: float) -> DiffusionTraining:
     config = PlannerConfig(denoiser=DenoiserConfig(width=16, embedding=16, condition=32))
     generator = torch.Generator().manual_seed(seed)
     planner = DiffusionPlanner(config, ActuatorLimits(), generator=generator)
-    settings = {"batch_size": 64, "validation_size": 128} | arguments
+    settings = {"batch_size": 64} | arguments
     training = DiffusionTrainingConfig(**settings)
     return DiffusionTraining(planner, training, np.random.default_rng(seed))
 
@@ -34,16 +35,20 @@ def test_training_lowers_the_held_out_loss() -> None:
     assert after < 0.5 * before
 
 
-def test_the_planning_network_carries_the_average_of_the_weights() -> None:
+def test_the_planning_network_carries_the_average_of_the_weights(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
     """Against a recomputation of the moving average from the weights after each single step."""
     replay = filled_replay(100)
-    one, many = new_training(average_decay=0.0), new_training(average_decay=0.9)
+    one, many = new_training(), new_training()
     average = copy.deepcopy(many.planner.state_dict())
     for step in range(1, 16):
+        monkeypatch.setattr(diffusion_training, "AVERAGE_DECAY", 0.0)
         one.update(replay, 1)
         decay = min(0.9, step / (step + 10.0))
         newest = one.planner.state_dict()
         average = {k: decay * average[k] + (1 - decay) * newest[k] for k in average}
+    monkeypatch.setattr(diffusion_training, "AVERAGE_DECAY", 0.9)
     many.update(replay, 15)
     for name, value in many.planner.state_dict().items():
         assert torch.allclose(value, average[name], atol=1e-5)
@@ -72,7 +77,7 @@ def test_without_held_out_chunks_there_is_no_loss() -> None:
 
 
 @pytest.mark.parametrize(
-    ("key", "value"), [("learning_rate", 0.0), ("batch_size", 0), ("average_decay", 1.0)]
+    ("key", "value"), [("learning_rate", 0.0), ("batch_size", 0), ("steps_mixed", -1)]
 )
 def test_impossible_values_are_refused(key: str, value: float) -> None:
     """The refusal names the key and the value."""

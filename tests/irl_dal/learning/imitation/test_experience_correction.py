@@ -7,40 +7,41 @@ import pytest
 import torch
 
 from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
-from irl_dal.learning.reinforcement.policy import mean_action, observation_tensors
-from tests.irl_dal.learning.samples import filled_replay, new_policy
+from irl_dal.learning.reinforcement.policy import mean_action
+from tests.irl_dal.learning.samples import label, new_policy, observation, record
 
 
 @pytest.mark.parametrize(
-    ("form", "kept", "replaced", "marks"),
-    [("label", True, False, 1), ("paper", True, True, 1), ("off", False, False, 0)],
+    ("form", "kept", "marks"), [("label", True, 1), ("paper", True, 1), ("off", False, 0)]
 )
-def test_each_form_keeps_and_replaces_as_documented(
-    form: str, kept: bool, replaced: bool, marks: int
-) -> None:
+def test_each_form_keeps_as_documented(form: str, kept: bool, marks: int) -> None:
     """The table in the module, for intervened steps; others are always kept as they are."""
     correction = ExperienceCorrection(form)  # type: ignore[arg-type]
     assert correction.keeps(intervened=True) is kept
-    assert correction.replaces(intervened=True) is replaced
     assert correction.keeps(intervened=False)
-    assert not correction.replaces(intervened=False)
     assert correction.marks == marks
 
 
-def test_the_experts_action_comes_with_its_probability_under_the_policy() -> None:
-    """The log-density of a diagonal Gaussian, recomputed."""
-    policy = new_policy()
-    seen = observation_tensors(filled_replay(20).sample(np.random.default_rng(0), 1), "cpu")
-    label = np.array([0.3, -0.1], np.float32)
+@pytest.mark.parametrize("form", ["label", "paper", "off"])
+def test_the_printed_form_alone_replaces_the_sample(form: str) -> None:
+    """Of intervened steps only; the log-density of a diagonal Gaussian, recomputed."""
+    policy, rng = new_policy(), np.random.default_rng(0)
+    seen = [observation(rng) for _ in range(2)]
+    records = [record(seen[0]), record(seen[1], intervened=True)]
+    actions, log_probs = np.full((2, 2), 0.5, np.float32), torch.full((2,), -1.0)
+    ExperienceCorrection(form).correct(policy, records, actions, log_probs)  # type: ignore[arg-type]
+    assert np.array_equal(actions[0], [0.5, 0.5]) and log_probs[0] == -1.0
+    if form != "paper":
+        assert np.array_equal(actions[1], [0.5, 0.5]) and log_probs[1] == -1.0
+        return
+    tensors, _ = policy.obs_to_tensor(dict(seen[1]))
     with torch.no_grad():
-        mean = mean_action(policy, seen)[0].numpy()
-        log_std = policy.log_std.numpy()
-    action, log_prob = ExperienceCorrection.expert_draw(policy, seen, label)
-    z = (label - mean) / np.exp(log_std)
-    assert action is label
-    assert log_prob == pytest.approx(
-        (-0.5 * z**2 - log_std - 0.5 * np.log(2 * np.pi)).sum(), rel=1e-4
-    )
+        mean = mean_action(policy, tensors)[0].numpy()  # type: ignore[arg-type]
+    log_std = policy.log_std.detach().numpy()
+    z = (label(seen[1]) - mean) / np.exp(log_std)
+    expected = (-0.5 * z**2 - log_std - 0.5 * np.log(2 * np.pi)).sum()
+    assert np.array_equal(actions[1], label(seen[1]))
+    assert log_probs[1].item() == pytest.approx(expected, rel=1e-4)
 
 
 def test_an_unknown_form_is_refused() -> None:

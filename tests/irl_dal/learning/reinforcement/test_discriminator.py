@@ -110,9 +110,7 @@ def test_the_global_random_state_is_left_alone() -> None:
     assert torch.equal(torch.get_rng_state(), before)
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("hidden", 0), ("learning_rate", -1.0), ("action_noise", -0.1)]
-)
+@pytest.mark.parametrize(("key", "value"), [("steps", 0), ("learning_rate", -1.0), ("samples", -1)])
 def test_impossible_values_are_refused(key: str, value: float) -> None:
     """The refusal names the key and the value."""
     with pytest.raises(ValueError, match=f"`{key}` must .*Got {value}"):

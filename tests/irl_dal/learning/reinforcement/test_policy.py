@@ -8,7 +8,6 @@ import torch
 
 from irl_dal.learning.reinforcement.policy import (
     PERCEIVED,
-    PPOConfig,
     actor_parameters,
     appraise,
     mean_action,
@@ -100,13 +99,3 @@ def test_perceiving_in_batches_keeps_number_and_order() -> None:
     whole, parts = (policy.perceive(arrays, size)[PERCEIVED] for size in (7, 3))
     assert whole.shape == (7, policy.features_dim)
     assert parts == pytest.approx(whole, abs=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("key", "value"),
-    [("target_kl", 0.0), ("n_steps", 0), ("gamma", 1.0), ("gae_lambda", 1.5), ("clip_range", 0.0)],
-)
-def test_impossible_values_are_refused(key: str, value: float) -> None:
-    """The refusal names the key and the value."""
-    with pytest.raises(ValueError, match=f"`{key}` must .*Got {value}"):
-        PPOConfig(**{key: value})

@@ -8,64 +8,79 @@ import gymnasium
 import numpy as np
 import pytest
 import torch
+from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.logger import Logger
 from stable_baselines3.common.vec_env import DummyVecEnv
 from torch.distributions import Independent, Normal, kl_divergence
 
-from irl_dal.learning.collection.step_record import Draw
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning, CloningConfig
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRewardConfig
-from irl_dal.learning.reinforcement.policy import PERCEIVED, PPOConfig, actor_parameters
+from irl_dal.learning.reinforcement.policy import PERCEIVED, DrivingPolicy, actor_parameters
 from irl_dal.learning.reinforcement.ppo import (
+    LOWEST_ACTOR_RATE,
     ActorRate,
     DrivingPPO,
+    PPOConfig,
     build_ppo,
     divergence,
-    driving_policy,
 )
 from irl_dal.perception import PerceptionConfig
 from tests.irl_dal.learning.samples import (
     ACTION_SPACE,
     OBSERVATION_SPACE,
-    driven,
     filled_replay,
     observation,
+    record,
 )
 
 
-class Spaces(gymnasium.Env[Any, Any]):
-    """The city's spaces, for a PPO whose rollouts are written by the test."""
+class Samples(gymnasium.Env[Any, Any]):
+    """Random observations of the city's spaces; the reward is minus ten times the first action."""
 
     observation_space = OBSERVATION_SPACE
     action_space = ACTION_SPACE
 
+    def __init__(self) -> None:
+        self._rng = np.random.default_rng(0)
+
+    def reset(self, **_: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Some observation."""
+        return observation(self._rng), {}
+
+    def step(self, action: Any) -> tuple[dict[str, Any], float, bool, bool, dict[str, Any]]:
+        """Another one."""
+        return observation(self._rng), float(-10.0 * action[0]), False, False, {}
+
+
+class Note(BaseCallback):
+    """Notes the steps as the pipeline does, and keeps the last values."""
+
+    def _on_step(self) -> bool:
+        seen = observation(np.random.default_rng(0))
+        ppo = self.model
+        assert isinstance(ppo, DrivingPPO)
+        ppo.rollout_buffer.note([record(seen, float(self.locals["rewards"][0]))])
+        return True
+
+    def _on_rollout_end(self) -> None:
+        ppo = self.model
+        assert isinstance(ppo, DrivingPPO)
+        reward = HybridReward(HybridRewardConfig(), ppo.gamma)
+        ppo.rollout_buffer.finish(reward, None, None, self.locals["values"])
+
 
 def new_ppo(cloning_steps: int = 0, **arguments: Any) -> DrivingPPO:
-    """PPO with a complete rollout of 64 steps whose reward is the negative first action."""
+    """PPO with a complete rollout of 64 steps, collected by stable-baselines3."""
     config = PPOConfig(n_steps=64, batch_size=16, n_epochs=2, **arguments)
-    hybrid = HybridReward(HybridRewardConfig(), config.gamma, lambda _seen, _acts: None)
     rng = np.random.default_rng(0)
-    buffer_arguments = {"hybrid": hybrid, "rng": rng}
-    ppo = build_ppo(
-        DummyVecEnv([Spaces]),
-        config,
-        PerceptionConfig(),
-        rng=rng,
-        buffer_arguments=buffer_arguments,
-    )
+    ppo = build_ppo(DummyVecEnv([Samples]), config, PerceptionConfig(), weights=rng, order=rng)
     ppo.set_logger(Logger(None, []))
-    driving_policy(ppo).generator = torch.Generator().manual_seed(0)
     replay = filled_replay(100)
-    cloning = BehaviourCloning(driving_policy(ppo), CloningConfig(learning_rate=1e-3))
+    cloning = BehaviourCloning(ppo.policy, CloningConfig(learning_rate=1e-3))
     cloning.update(lambda: replay.sample(rng, 32), cloning_steps)
-    buffer = ppo.begin_rollout(64)
-    for step in range(64):
-        seen = observation(rng)
-        with torch.no_grad():
-            action, value, log_prob = ppo.policy(ppo.policy.obs_to_tensor(dict(seen))[0])
-        draw = Draw(action[0].numpy(), float(value), float(log_prob))
-        buffer.store([driven(seen, draw, float(-10.0 * draw.action[0]), step=step)], [None])
-    ppo.rollout_buffer.compute_returns_and_advantage(torch.zeros(1, 1), np.array([False]))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DrivingPPO, "train", lambda _: None)
+        ppo.learn(64, Note(), log_interval=2)
     return ppo
 
 
@@ -97,13 +112,14 @@ def test_table_2s_rate_alone_tears_the_cloned_policy_away() -> None:
 
 def test_the_actor_has_a_rate_of_its_own_and_the_critic_that_of_table_2() -> None:
     """Two parameter groups; together they are all parameters, each once."""
-    ppo = new_ppo(initial_actor_rate=2e-5)
+    ppo = new_ppo()
+    ppo.actor_rate.value = 2e-5
     ppo.train()
     actor, critic = ppo.policy.optimizer.param_groups
     assert (actor["lr"], critic["lr"]) == (2e-5, 3e-4)
     assert len(actor["params"]) + len(critic["params"]) == len(list(ppo.policy.parameters()))
     ids = {id(parameter) for parameter in actor["params"]}
-    assert {id(parameter) for parameter in actor_parameters(driving_policy(ppo))} <= ids
+    assert {id(parameter) for parameter in actor_parameters(ppo.policy)} <= ids
 
 
 def test_the_rate_follows_the_divergence_between_floor_and_ceiling() -> None:
@@ -116,7 +132,7 @@ def test_the_rate_follows_the_divergence_between_floor_and_ceiling() -> None:
     assert values == pytest.approx([5e-5, 5e-5, 1e-4, 2e-4, 3e-4])
     for _ in range(30):
         rate.follow(1.0)
-    assert rate.value == rate.floor
+    assert rate.value == LOWEST_ACTOR_RATE
     fixed = ActorRate(1e-4, ceiling=3e-4, target=None)
     fixed.follow(1.0)
     assert fixed.value == 3e-4
@@ -139,6 +155,26 @@ def test_the_same_generator_builds_the_same_ppo() -> None:
     assert all(torch.equal(first[name], second[name]) for name in first)
 
 
+def features(policy: DrivingPolicy, seen: Any) -> torch.Tensor:
+    """Of observations, without a gradient."""
+    with torch.no_grad():
+        perceived = policy.extract_features(seen)
+    assert isinstance(perceived, torch.Tensor)
+    return perceived
+
+
+def test_a_shorter_rollout_is_collected_whole() -> None:
+    """The last update of a run has the steps that are left."""
+    ppo = new_ppo()
+    ppo.resize(12)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(DrivingPPO, "train", lambda _: None)
+        ppo.learn(12, Note(), log_interval=2, reset_num_timesteps=False)
+    assert ppo.num_timesteps == 76
+    assert ppo.rollout_buffer.full and len(ppo.rollout_buffer.actions) == 12
+    ppo.train()
+
+
 def test_perceiving_a_rollout_once_changes_nothing_but_the_time(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -146,8 +182,20 @@ def test_perceiving_a_rollout_once_changes_nothing_but_the_time(
     once, again = new_ppo(), new_ppo()
     once.train()
     assert set(once.rollout_buffer.observations) == {PERCEIVED}
-    monkeypatch.setattr(DrivingPPO, "_perceive_once", lambda *_: None)
+    # As with gradients into the perception, which then must not flow.
+    again.policy.perception_gradient = True
+    monkeypatch.setattr(again.policy, "_features", lambda seen: features(again.policy, seen))
     again.train()
     assert "image" in again.rollout_buffer.observations
     for name, value in again.policy.state_dict().items():
         torch.testing.assert_close(once.policy.state_dict()[name], value, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("key", "value"),
+    [("target_kl", 0.0), ("n_steps", 0), ("gamma", 1.0), ("gae_lambda", 1.5), ("clip_range", 0.0)],
+)
+def test_impossible_values_are_refused(key: str, value: float) -> None:
+    """The refusal names the key and the value."""
+    with pytest.raises(ValueError, match=f"`{key}` must .*Got {value}"):
+        PPOConfig(**{key: value})

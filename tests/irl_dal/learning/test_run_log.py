@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from irl_dal.learning.metrics import MetricsCsv, metrics_logger, read_metrics
+from irl_dal.learning.run_log import MetricsCsv, metrics_logger, read_metrics
 
 
 def write(log: MetricsCsv, step: int, **values: float) -> None:
