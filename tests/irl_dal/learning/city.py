@@ -26,7 +26,7 @@ from irl_dal.learning import (
 )
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.perception import PerceptionConfig
-from irl_dal.planner import DenoiserConfig, DiffusionPlanner, PlannerConfig
+from irl_dal.planner import DiffusionPlanner, PlannerConfig
 from shield import ActuatorLimits, SafetyFilter, TriggerConfig
 
 SHORT = LearningConfig(
@@ -51,7 +51,7 @@ SHORT = LearningConfig(
 def new_planner(seed: int = 0) -> DiffusionPlanner:
     """A small one, without a deadline for plans, so that runs repeat."""
     config = PlannerConfig(
-        denoiser=DenoiserConfig(width=16, embedding=16, condition=32),
+        width=16,
         sampling_steps=2,
         deadline=60.0,
     )

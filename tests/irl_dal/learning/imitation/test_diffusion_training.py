@@ -10,14 +10,14 @@ import torch
 
 from irl_dal.learning.imitation import diffusion_training
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining, DiffusionTrainingConfig
-from irl_dal.planner import DenoiserConfig, DiffusionPlanner, PlannerConfig
+from irl_dal.planner import DiffusionPlanner, PlannerConfig
 from shield import ActuatorLimits
 from tests.irl_dal.learning.samples import filled_replay
 
 
 def new_training(seed: int = 0, **arguments: float) -> DiffusionTraining:
     """A small planner and its training."""
-    config = PlannerConfig(denoiser=DenoiserConfig(width=16, embedding=16, condition=32))
+    config = PlannerConfig(width=16)
     generator = torch.Generator().manual_seed(seed)
     planner = DiffusionPlanner(config, ActuatorLimits(), generator=generator)
     settings = {"batch_size": 64} | arguments
