@@ -14,6 +14,7 @@ from rich.console import Console
 
 from irl_dal.cli.command import run_command
 from irl_dal.cli.overrides import changed, stated, unchanged
+from irl_dal.cli.streams import require_writable
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.evaluation.suite import evaluate
@@ -38,16 +39,22 @@ def main() -> None:
 def _main(composed: DictConfig) -> None:
     config, spec = _subject(composed)
     out = None if composed.out is None else Path(str(composed.out))
-    if out is not None and out.is_dir():
-        raise ConfigError(f"out = {str(out)!r}: is a folder")
+    if out is not None:
+        require_writable("out", out)
     runs = Path("runs") if spec.run_dir is None else spec.run_dir.parent
     console = Console()
-    evaluation = evaluate(config, spec, runs, console)
-    who = spec.policy if spec.run_dir is None else f"{config.variant}, {spec.run_dir}"
-    console.print(evaluation_table(evaluation.report, who))
+    report = evaluate(config, spec, runs, console).report
+    title = spec.policy if spec.run_dir is None else f"{config.variant}, {spec.run_dir}"
+    table = evaluation_table(report, title)
     if out is not None:
-        write_json(out, evaluation.report)
-        console.print(f"written to {out}")
+        try:
+            write_json(out, report)  # before anything is printed: a terminal can fail, too
+        except OSError as error:
+            console.print(table)
+            raise ConfigError(f"out = {str(out)!r}: not written ({error.strerror})") from None
+    console.print(table)
+    if out is not None:
+        console.print(f"written to {out}", soft_wrap=True)
 
 
 def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:

@@ -12,7 +12,7 @@ from rich.console import Console
 
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.workers import Workers
 
 __all__ = ["Drive", "drives", "expert_drives"]
@@ -57,12 +57,12 @@ def expert_drives(config: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
 
     On a track the n-th episode takes the n-th stretch.
     """
-    bench = Bench.build(replace(RunConfig(), env=config), AgentSpec("expert"))
+    rig = Rig.build(replace(RunConfig(), env=config), AgentSpec("expert"))
     try:
         for task in enumerate(seeds):
-            yield _drive(bench, task)
+            yield _drive(rig, task)
     finally:
-        bench.close()
+        rig.close()
 
 
 def drives(
@@ -91,9 +91,9 @@ def drives(
         return workers.map(what, _drive, list(enumerate(seeds)))
 
 
-def _drive(bench: Bench, task: tuple[int, int]) -> Drive:
+def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
     number, seed = task
-    loop, agent = bench.loop, bench.agent
+    loop, agent = rig.loop, rig.agent
     observation, info = loop.reset(seed=seed, options={"stretch": number})
     agent.reset(seed)
     rows, commands, violations, over = [_row(info)], [], 0, False

@@ -18,12 +18,10 @@ from irl_dal.comparison.settings import Arm
 from irl_dal.comparison.store import ComparisonStore
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import ExpertAgent
-from irl_dal.evaluation.episode import Episode
-from irl_dal.evaluation.measurements import ExpertPath, Measurements
-from irl_dal.evaluation.metrics import metric_rows
-from irl_dal.evaluation.plan_log import PlanLog
-from irl_dal.evaluation.rig import AgentSpec, Bench
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_steps
+from irl_dal.evaluation.episode import Episode, LoggedPlan
+from irl_dal.evaluation.metrics import episode_record, path_rows, plan_rows
+from irl_dal.evaluation.rig import AgentSpec, Rig
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_steps, supervised
 from irl_dal.loop import Observation
 from irl_dal.planner import DiffusionPlanner, PlanningContext
 from irl_dal.storage.checkpoint import CheckpointStore
@@ -59,11 +57,11 @@ class Subject:
 
 
 @contextmanager
-def arm_bench(subject: Subject, arm: Arm, render_mode: str | None = None) -> Iterator[Bench]:
+def arm_bench(subject: Subject, arm: Arm, render_mode: str | None = None) -> Iterator[Rig]:
     """The run's policy under an arm's supervision, on one thread."""
     config = arm.configure(subject.config)
     with one_thread():
-        bench = Bench.build(config, AgentSpec("run", subject.run_dir), render_mode)
+        bench = Rig.build(config, AgentSpec("run", subject.run_dir), render_mode)
         try:
             yield bench
         finally:
@@ -88,25 +86,13 @@ def drive_arm(subject: Subject, arm: Arm, seeds: Sequence[int]) -> int:
     with arm_bench(subject, arm) as bench:
         for seed in seeds:
             episode = bench.drive(seed)
-            pairs = [
-                compare_paths(bench.loop, bench.reference, bench.agent, path, step, horizon)
-                for path, step, horizon in _stretches(subject, seed)
+            distances = [
+                compare_paths(bench.loop, bench.reference, bench.agent, seed, step, pose)
+                for step, pose in _stretches(subject, seed)
             ]
-            rows = metric_rows(Measurements([episode], pairs=pairs), subject.config.limits)
-            shield = episode.shield_time[np.isfinite(episode.shield_time)]
-            subject.store.keep_episode(
-                arm.name,
-                seed,
-                {
-                    "seed": seed,
-                    "steps": episode.steps,
-                    "success": episode.success,
-                    "triggered": int(episode.triggered.sum()),
-                    "rows": {name: table.tolist() for name, table in rows.items()},
-                    "plan_seconds": np.round(episode.plans.latency, 7).tolist(),
-                    "shield_seconds": np.round(shield, 7).tolist(),
-                },
-            )
+            record = episode_record(episode, subject.config.limits)
+            record["rows"] |= path_rows(distances)
+            subject.store.keep_episode(arm.name, seed, record)
     return len(seeds)
 
 
@@ -126,12 +112,7 @@ def plan_in_states(subject: Subject, arms: Sequence[Arm], seeds: Sequence[int]) 
             plans: dict[str, Any] = {}
             for name, planner in planners.items():
                 log = plan_log(planner, chosen, seed)
-                rows = metric_rows(
-                    Measurements([], state_plans=[log] if chosen else []), subject.config.limits
-                )
-                plans[name] = {
-                    key: table.tolist() for key, table in rows.items() if key.startswith("state_")
-                }
+                plans[name] = plan_rows(log, subject.config.limits, "state_") if chosen else {}
             subject.store.keep_states(
                 seed,
                 {
@@ -145,7 +126,7 @@ def plan_in_states(subject: Subject, arms: Sequence[Arm], seeds: Sequence[int]) 
     return len(seeds)
 
 
-def risky_contexts(bench: Bench, seed: int) -> tuple[Episode, dict[int, PlanningContext]]:
+def risky_contexts(bench: Rig, seed: int) -> tuple[Episode, dict[int, PlanningContext]]:
     """The expert's episode, and the contexts of its risky states by step."""
     contexts: dict[int, PlanningContext] = {}
     step = 0
@@ -156,23 +137,22 @@ def risky_contexts(bench: Bench, seed: int) -> tuple[Episode, dict[int, Planning
             contexts[step] = info["context"]
         step += 1
 
-    own, bench.loop.supervision = bench.loop.supervision, bench.reference
-    try:
+    with supervised(bench.loop, bench.reference):
         episode = drive_episode(bench.loop, ExpertAgent(), seed, watch)
-    finally:
-        bench.loop.supervision = own
     contexts.pop(episode.steps, None)
     return episode, contexts
 
 
-def plan_log(planner: DiffusionPlanner, contexts: Sequence[PlanningContext], seed: int) -> PlanLog:
+def plan_log(
+    planner: DiffusionPlanner, contexts: Sequence[PlanningContext], seed: int
+) -> list[LoggedPlan]:
     """Plans from contexts; the noise depends on the seed and on the context's place."""
     plans = []
     for place, context in enumerate(contexts):
         planner.reset()
         planner.generator.manual_seed(1000 * seed + place)
-        plans.append(planner.plan(context))
-    return PlanLog.of(plans, [context.previous for context in contexts])
+        plans.append(LoggedPlan(planner.plan(context), context.previous))
+    return plans
 
 
 def _spread(steps: Sequence[int], comparison: ComparisonConfig) -> list[int]:
@@ -181,17 +161,17 @@ def _spread(steps: Sequence[int], comparison: ComparisonConfig) -> list[int]:
     return [steps[int(place)] for place in np.linspace(0, len(steps) - 1, count)] if count else []
 
 
-def _stretches(subject: Subject, seed: int) -> Iterator[tuple[ExpertPath, int, int]]:
+def _stretches(subject: Subject, seed: int) -> Iterator[tuple[int, Array]]:
     """Where an arm's path is compared with the expert's, the same for every arm."""
     known = subject.store.states(seed)
     assert known is not None
     comparison = subject.comparison
     horizon = max(1, round(comparison.path_duration / subject.config.limits.dt))
-    path = ExpertPath(seed, np.array(known["pose"]))
+    pose = np.array(known["pose"])
     rng = np.random.default_rng(seed)
-    (steps,) = spread_steps([path.steps], comparison.path_states, horizon, rng)
+    (steps,) = spread_steps([len(pose) - 1], comparison.path_states, horizon, rng)
     for step in steps:
-        yield path, step, horizon
+        yield step, pose[step : step + 1 + horizon]
 
 
 Work = Callable[[], int]

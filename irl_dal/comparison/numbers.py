@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from irl_dal.comparison.settings import Arm
 from irl_dal.comparison.store import ComparisonStore
-from irl_dal.evaluation.metrics import STATISTICS, Value, latencies
-from irl_dal.evaluation.statistics import Estimate, difference, estimate
+from irl_dal.evaluation.metrics import STATISTICS, Value, join_rows, latencies
+from irl_dal.evaluation.statistics import difference, estimate
 
 __all__ = ["summarise"]
 
@@ -41,7 +41,7 @@ def summarise(
     """
     rng = np.random.default_rng(seeds[0])
     kept = {arm: [_episode(store, arm, seed) for seed in seeds] for arm in arms}
-    rows = {arm: _joined([entry["rows"] for entry in kept[arm]]) for arm in arms}
+    rows = {arm: join_rows(entry["rows"] for entry in kept[arm]) for arm in arms}
     driven = {}
     for arm in arms:
         numbers = _numbers(rows[arm], rows[arm.baseline], rng)
@@ -56,7 +56,7 @@ def summarise(
             "seeds": list(seeds),
             "episode_success": [bool(entry["success"]) for entry in kept[arm]],
         }
-        driven[arm.name] = head | numbers | _latencies(kept[arm])
+        driven[arm.name] = head | numbers | latencies(kept[arm])
     return {"arms": driven, "states": _states(store, planning, seeds, rng)}
 
 
@@ -72,7 +72,7 @@ def _states(
         entry = store.states(seed)
         assert entry is not None
         known.append(entry)
-    rows = {arm: _joined([entry["plans"][arm.name] for entry in known]) for arm in planning}
+    rows = {arm: join_rows(entry["plans"][arm.name] for entry in known) for arm in planning}
     (baseline,) = (arm for arm in planning if arm.projection == "none" and arm.guided)
     return {
         arm.label.replace(" + shield", ""): {
@@ -89,39 +89,14 @@ def _numbers(rows: Rows, baseline: Rows, rng: np.random.Generator) -> dict[str, 
     report: dict[str, Value] = {}
     for name, table in rows.items():
         statistic = STATISTICS[name]
-        report |= _entries(name, estimate(table, statistic, rng))
+        report |= estimate(table, statistic, rng).entries(name)
         paired = np.hstack([table, baseline[name]])
-        report |= _entries(f"{name}_vs_none", estimate(paired, difference(statistic), rng))
+        gap = estimate(paired, difference(statistic), rng)
+        report |= gap.entries(f"{name}_vs_none")
     return report
-
-
-def _entries(name: str, result: Estimate) -> dict[str, Value]:
-    interval = None
-    if result.low is not None and result.high is not None:
-        interval = [result.low, result.high]
-    return {name: result.value, f"{name}_ci95": interval}
 
 
 def _episode(store: ComparisonStore, arm: Arm, seed: int) -> dict[str, Any]:
     entry = store.episode(arm.name, seed)
     assert entry is not None
     return entry
-
-
-def _joined(entries: Sequence[Mapping[str, Any]]) -> dict[str, Array]:
-    """Rows of all episodes, one under the other; names without a single row are left out."""
-    joined = {}
-    for name in entries[0]:
-        tables = [np.array(entry[name], np.float64) for entry in entries]
-        tables = [table for table in tables if table.size]
-        if tables:
-            joined[name] = np.concatenate(tables)
-    return joined
-
-
-def _latencies(entries: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
-    plan, shield = (
-        np.concatenate([np.array(entry[name], np.float64) for entry in entries])
-        for name in ("plan_seconds", "shield_seconds")
-    )
-    return latencies(plan, shield)

@@ -1,10 +1,10 @@
-"""Who drives in an evaluation: a trained policy, the expert, or nobody in particular."""
+"""Who drives in an evaluation: a trained policy, the expert, or random actions."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 import torch
@@ -20,26 +20,23 @@ Array = NDArray[np.float64]
 StepResult = tuple[Observation, float, bool, bool, dict[str, Any]]
 
 
-class Agent(Protocol):
+class Agent:
     """Chooses an action for every observation and drives it."""
 
     def reset(self, seed: int) -> None:
         """Begin an episode with this seed."""
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
-        """The agent's own action (2,), normalised.
-
-        Args:
-            observation: What the sensors say.
-            info: `info` that came with it.
-        """
+        """The agent's own action (2,), normalised, for an observation and the `info` with it."""
+        raise NotImplementedError
 
     def drive(self, loop: ControlLoop, action: Array) -> StepResult:
-        """Drive one control step with an action of `act`."""
+        """Drive a step with an action of `act`, under planner and shield if the loop has them."""
+        return loop.step(action)
 
 
 @dataclass(slots=True)
-class PolicyAgent:
+class PolicyAgent(Agent):
     """A trained policy, without exploration.
 
     Attributes:
@@ -47,9 +44,6 @@ class PolicyAgent:
     """
 
     policy: DrivingPolicy
-
-    def reset(self, seed: int) -> None:
-        """Nothing to forget: the policy sees one observation at a time."""
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
         """The policy's mean action (2,), clipped to the action space."""
@@ -59,17 +53,9 @@ class PolicyAgent:
             action = mean_action(self.policy, seen)[0]
         return np.clip(action.cpu().numpy().astype(np.float64), -1.0, 1.0)
 
-    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
-        """Under planner and shield, as far as the loop has them."""
-        return loop.step(action)
 
-
-@dataclass(slots=True)
-class ExpertAgent:
+class ExpertAgent(Agent):
     """The expert itself; its action is its set-point, what it executes is slew-limited."""
-
-    def reset(self, seed: int) -> None:
-        """Nothing to forget: the loop resets the expert."""
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
         """The expert's label for this observation (2,)."""
@@ -81,7 +67,7 @@ class ExpertAgent:
 
 
 @dataclass(slots=True)
-class RandomAgent:
+class RandomAgent(Agent):
     """Actions drawn uniformly from the action space."""
 
     _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
@@ -93,7 +79,3 @@ class RandomAgent:
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
         """An action (2,) from [-1, 1]^2."""
         return self._rng.uniform(-1.0, 1.0, 2)
-
-    def drive(self, loop: ControlLoop, action: Array) -> StepResult:
-        """Under planner and shield, as far as the loop has them."""
-        return loop.step(action)

@@ -10,6 +10,9 @@ FIRST_EVALUATION_SEED = 10_000
 """Evaluation seeds start here. Seeds from 0 on are for tuning; training's are the learning group's
 `first_seed` and larger."""
 
+_LOWEST = {"episodes": 1, "n_jobs": 1}
+"""Smallest value of the fields that must not be zero."""
+
 
 @dataclass(frozen=True, slots=True)
 class EvaluationConfig:
@@ -21,27 +24,22 @@ class EvaluationConfig:
         held_out_episodes: Expert episodes, on the same first seeds, whose states the BC loss and
             ADE/FDE are measured in; at most `episodes`.
         path_states: States along them from which paths are compared.
-        path_duration: Length of these paths [s].
         n_jobs: Processes that drive at the same time.
         video_duration: Longest evaluation drive shown in the video [s]; 0 makes no video.
+
+    Raises:
+        ValueError: If a field is out of range.
     """
 
     episodes: int = 20
     first_seed: int = FIRST_EVALUATION_SEED
     held_out_episodes: int = 10
     path_states: int = 100
-    path_duration: float = 5.0
     n_jobs: int = 2
     video_duration: float = 30.0
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "n_jobs"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("held_out_episodes", "path_states", "video_duration"):
-            if not getattr(self, name) >= 0:
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        if not self.path_duration > 0.0:
-            raise ValueError(f"`path_duration` must be positive. Got {self.path_duration}.")
-        if self.first_seed < 0:
-            raise ValueError(f"`first_seed` must not be negative. Got {self.first_seed}.")
+        for name in self.__slots__:
+            value, lowest = getattr(self, name), _LOWEST.get(name, 0)
+            if not value >= lowest:
+                raise ValueError(f"`{name}` must be at least {lowest}. Got {value}.")

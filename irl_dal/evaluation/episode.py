@@ -4,20 +4,27 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.evaluation.plan_log import PlanLog
 from irl_dal.loop import SOURCES
+from irl_dal.planner import Plan
 
-__all__ = ["Episode", "EpisodeRecorder"]
+__all__ = ["Episode", "EpisodeRecorder", "LoggedPlan"]
 
 Array = NDArray[np.float64]
 
 SILENT = -1
 """Entry of `Episode.nominal_violations` for a source that proposed nothing on that step."""
+
+
+class LoggedPlan(NamedTuple):
+    """A plan and the command that was executed before it (2,) [rad, m/s]."""
+
+    plan: Plan
+    previous: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +51,7 @@ class Episode:
         nominal_violations: 1 where a source's proposal broke a bound before the shield, 0 where it
             did not, -1 where the source proposed nothing (T, 4); columns as `irl_dal.loop.SOURCES`.
         shield_time: Duration of each shield call (T,) [s]; NaN where the shield is off.
-        plans: The P plans that were made.
+        plans: The plans that were made.
     """
 
     seed: int
@@ -64,7 +71,7 @@ class Episode:
     triggered: NDArray[np.bool_]
     nominal_violations: NDArray[np.int8]
     shield_time: Array
-    plans: PlanLog
+    plans: tuple[LoggedPlan, ...]
 
     def __post_init__(self) -> None:
         """Make the arrays read-only."""
@@ -146,9 +153,7 @@ class EpisodeRecorder:
             triggered=np.array([info["triggered"] for info in after], np.bool_),
             nominal_violations=np.stack([_violations(info) for info in after]),
             shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),
-            plans=PlanLog.of(
-                [info["plan"] for info in planned], [info["previous_command"] for info in planned]
-            ),
+            plans=tuple(LoggedPlan(info["plan"], info["previous_command"]) for info in planned),
         )
 
 

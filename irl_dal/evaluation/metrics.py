@@ -38,16 +38,16 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from expert import Mode
-from irl_dal.evaluation.episode import Episode
-from irl_dal.evaluation.measurements import HeldOutActions, Measurements, ReferenceReturns
-from irl_dal.evaluation.plan_log import PlanLog
+from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.statistics import (
     Estimate,
     Statistic,
@@ -58,44 +58,62 @@ from irl_dal.evaluation.statistics import (
     root_ratio,
 )
 from irl_dal.loop import SOURCES
+from irl_dal.planner import Plan
 from irl_dal.planner.rollout import ego_rollout
-from shield import ActuatorLimits
+from shield import ActuatorLimits, Status
 
 __all__ = [
     "METRICS",
     "PLAN_METRICS",
     "STATISTICS",
+    "Measurements",
+    "Row",
     "Value",
+    "cloning_row",
     "compute_metrics",
+    "episode_record",
+    "join_rows",
     "latencies",
-    "metric_rows",
+    "path_rows",
+    "plan_rows",
 ]
 
 Array = NDArray[np.float64]
 
 Value = float | int | str | list[float] | list[int] | list[bool] | None
-"""What an entry of the flat report can be."""
+"""An entry of the flat report."""
+
+Row = Sequence[float]
+"""What one episode, one log of plans or one path contributes to a statistic: (K,)."""
 
 RETURN_SCALE = 200.0
 """The expert's normalised return."""
 
-_Rows = Callable[[Episode, ActuatorLimits], Sequence[float] | tuple[float, ...]]
 
-_PlanRow = Callable[[PlanLog, ActuatorLimits], tuple[float, float]]
+@dataclass(frozen=True, slots=True)
+class Measurements:
+    """What one evaluation measured, ready for JSON.
+
+    Attributes:
+        episodes: `episode_record` of each of the agent's N episodes.
+        references: Returns of random actions and of the expert on the same seeds (N, 2); None
+            where they were not driven.
+        cloning: `cloning_row` of each held-out expert episode.
+        distances: Distances between the agent's and the expert's path, one (K,) [m] per stretch.
+    """
+
+    episodes: Sequence[Mapping[str, Any]]
+    references: Sequence[Row] | None = None
+    cloning: Sequence[Row] = ()
+    distances: Sequence[Row] = ()
 
 
-def compute_metrics(
-    measurements: Measurements, limits: ActuatorLimits, rng: np.random.Generator
-) -> dict[str, Value]:
-    """All numbers of an evaluation under their names.
+def compute_metrics(measurements: Measurements, rng: np.random.Generator) -> dict[str, Value]:
+    """All numbers of an evaluation under their names, flat, ready for JSON.
 
     Args:
-        measurements: What was logged.
-        limits: The bounds that commands are judged by; its `dt` is the control step.
+        measurements: What was measured.
         rng: Random source of the bootstrap.
-
-    Returns:
-        Flat mapping, ready for JSON.
 
     Raises:
         ValueError: If there are no episodes.
@@ -105,166 +123,199 @@ def compute_metrics(
         raise ValueError("`measurements.episodes` must hold at least one episode. Got 0.")
     report: dict[str, Value] = {
         "episodes": len(episodes),
-        "steps": sum(episode.steps for episode in episodes),
-        "seeds": [episode.seed for episode in episodes],
-        "episode_success": [episode.success for episode in episodes],
+        "steps": sum(episode["steps"] for episode in episodes),
+        "seeds": [episode["seed"] for episode in episodes],
+        "episode_success": [episode["success"] for episode in episodes],
     }
-    for name, result in _estimates(measurements, limits, rng).items():
-        report[name] = result.value
-        if result.low is not None and result.high is not None:
-            report[f"{name}_ci95"] = [result.low, result.high]
-        else:
-            report[f"{name}_ci95"] = None
-    return report | latencies(
-        np.concatenate([episode.plans.latency for episode in episodes]),
-        np.concatenate([episode.shield_time for episode in episodes]),
-    )
+    rows = join_rows(episode["rows"] for episode in episodes)
+    rows |= join_rows([path_rows(measurements.distances)])
+    if measurements.references is not None:
+        returns = [episode["return"] for episode in episodes]
+        rows["normalized_return"] = np.column_stack([returns, measurements.references])
+    if measurements.cloning:
+        rows["bc_loss"] = np.array(measurements.cloning, np.float64)
+    for name, statistic in STATISTICS.items():
+        result = estimate(rows[name], statistic, rng) if name in rows else Estimate()
+        report |= result.entries(name)
+    return report | latencies(episodes)
 
 
-def _estimates(
-    measurements: Measurements, limits: ActuatorLimits, rng: np.random.Generator
-) -> dict[str, Estimate]:
-    """Each metric that has an interval."""
-    rows = metric_rows(measurements, limits)
-    rows["normalized_return"] = _return_rows(measurements.episodes, measurements.references)
-    rows["bc_loss"] = _held_out_rows(measurements.held_out)
-    return {name: estimate(table, STATISTICS[name], rng) for name, table in rows.items()}
+def episode_record(episode: Episode, limits: ActuatorLimits) -> dict[str, Any]:
+    """What is kept of an episode: all that its numbers are made of, ready for JSON.
 
-
-def metric_rows(measurements: Measurements, limits: ActuatorLimits) -> dict[str, Array]:
-    """What the numbers that need no reference are made of, one row per episode, stretch or log.
-
-    Rows of several evaluations can be joined: `STATISTICS[name]` of them is the number.
+    Records of several evaluations can be joined: `STATISTICS[name]` of all rows is the number.
 
     Args:
-        measurements: What was logged.
-        limits: The bounds that commands are judged by.
-
-    Returns:
-        Name -> (N, K).
+        episode: What was logged.
+        limits: The bounds that commands are judged by; its `dt` is the control step.
     """
-    episodes = measurements.episodes
-    rows = {
-        name: np.array([row(episode, limits) for episode in episodes], np.float64)
-        for name, (row, _) in METRICS.items()
+    rows = {name: [row(episode, limits)] for name, (row, _) in METRICS.items()}
+    shield = episode.shield_time[np.isfinite(episode.shield_time)]
+    return {
+        "seed": episode.seed,
+        "steps": episode.steps,
+        "success": episode.success,
+        "return": episode.total_reward,
+        "triggered": int(episode.triggered.sum()),
+        "rows": rows | plan_rows(episode.plans, limits),
+        "plan_seconds": [round(entry.plan.latency, 7) for entry in episode.plans],
+        "shield_seconds": np.round(shield, 7).tolist(),
     }
-    for prefix, logs in (
-        ("", [episode.plans for episode in episodes]),
-        ("state_", measurements.state_plans),
-    ):
-        for name, row in PLAN_METRICS.items():
-            found = [row(log, limits) for log in logs]
-            rows[prefix + name] = np.array(found, np.float64).reshape(-1, 2)
-    distances = [np.linalg.norm(p.agent - p.expert, axis=1) for p in measurements.pairs]
-    rows["ade_m"] = _pairs_rows([d.mean() for d in distances])
-    rows["fde_m"] = _pairs_rows([d[-1] for d in distances])
-    return rows
 
 
-def _share(flag: Callable[[Episode], bool]) -> _Rows:
+def plan_rows(
+    plans: Sequence[LoggedPlan], limits: ActuatorLimits, prefix: str = ""
+) -> dict[str, list[Row]]:
+    """Rows of the plans of one episode, or of one set of states."""
+    return {prefix + name: [row(plans, limits)] for name, row in PLAN_METRICS.items()}
+
+
+def path_rows(distances: Sequence[Row | Array]) -> dict[str, list[Row]]:
+    """Rows of stretches from their distances, each (K,) [m]."""
+    return {
+        "ade_m": [(float(np.mean(stretch)), 1.0) for stretch in distances],
+        "fde_m": [(float(stretch[-1]), 1.0) for stretch in distances],
+    }
+
+
+def cloning_row(episode: Episode, answers: Array) -> list[float]:
+    """Squared errors of an agent in an expert's episode, summed per mode, then counted (2 C,).
+
+    Args:
+        episode: The expert's.
+        answers: The agent's actions in its states (T, 2), normalised.
+    """
+    error = np.square(answers - episode.expert_action).mean(axis=1)
+    sums = np.bincount(episode.mode, error, len(Mode))
+    return [*sums.tolist(), *np.bincount(episode.mode, minlength=len(Mode)).astype(float).tolist()]
+
+
+def join_rows(entries: Iterable[Mapping[str, Sequence[Row]]]) -> dict[str, Array]:
+    """Rows of the same name, one under the other (N, K); names without a row are left out."""
+    joined: dict[str, list[Row]] = {}
+    for entry in entries:
+        for name, rows in entry.items():
+            joined.setdefault(name, []).extend(rows)
+    return {name: np.array(rows, np.float64) for name, rows in joined.items() if rows}
+
+
+def latencies(records: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
+    """Percentiles in milliseconds of all plans and of all shield calls of some records."""
+    report: dict[str, Value] = {}
+    for name in ("plan", "shield"):
+        measured = [1e3 * seconds for r in records for seconds in r[f"{name}_seconds"]]
+        for label, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
+            value = float(np.percentile(measured, percent)) if measured else None
+            report[f"latency_{name}_{label}_ms"] = value
+    return report
+
+
+_EpisodeRow = Callable[[Episode, ActuatorLimits], Row]
+
+_PlanRow = Callable[[Sequence[LoggedPlan], ActuatorLimits], Row]
+
+
+def _share(flag: Callable[[Episode], bool]) -> _EpisodeRow:
     """Rows for a share of episodes."""
     return lambda episode, _limits: (float(flag(episode)), 1.0)
 
 
-def _per_step(total: Callable[[Episode], float]) -> _Rows:
+def _per_step(total: Callable[[Episode], float]) -> _EpisodeRow:
     """Rows for a mean over steps of something with a known sum per episode."""
     return lambda episode, _limits: (float(total(episode)), float(episode.steps))
 
 
-def _source(column: int) -> _Rows:
+def _source(column: int) -> _EpisodeRow:
     """Rows for the share of a source's proposals that broke a bound."""
 
-    def row(episode: Episode, _limits: ActuatorLimits) -> tuple[float, float]:
+    def row(episode: Episode, _limits: ActuatorLimits) -> Row:
         proposals = episode.nominal_violations[:, column]
         return float((proposals == 1).sum()), float((proposals >= 0).sum())
 
     return row
 
 
-def _violations(commands: Array, episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
-    broken = [
-        limits.violated(command, previous)
-        for command, previous in zip(commands, episode.previous_command, strict=True)
-    ]
-    return float(sum(broken)), float(len(broken))
+def _violations(commands: Callable[[Episode], Array]) -> _EpisodeRow:
+    """Rows for the share of commands that break a bound."""
+
+    def row(episode: Episode, limits: ActuatorLimits) -> Row:
+        broken = map(limits.violated, commands(episode), episode.previous_command)
+        return float(sum(broken)), float(episode.steps)
+
+    return row
 
 
-def _command_violations(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
-    return _violations(episode.executed_command, episode, limits)
-
-
-def _nominal_violations(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
-    return _violations(episode.nominal_command, episode, limits)
-
-
-def _correction(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
+def _correction(episode: Episode, limits: ActuatorLimits) -> Row:
     change = limits.to_action(episode.executed_command) - limits.to_action(episode.nominal_command)
     return float(np.linalg.norm(change, axis=1).sum()), float(episode.steps)
 
 
-def _plan_share(flags: Callable[[PlanLog], Array | NDArray[np.bool_]]) -> _PlanRow:
-    """Rows for a share of plans."""
-    return lambda log, _limits: (float(flags(log).sum()), float(len(log)))
-
-
-def _plan_violations(commands: Callable[[PlanLog], Array]) -> _PlanRow:
-    """Rows for the share of plans that break a bound anywhere, from the last command on."""
-
-    def row(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
-        broken = [
-            any(map(limits.violated, plan, np.vstack([previous, plan[:-1]])))
-            for plan, previous in zip(commands(log), log.previous, strict=True)
-        ]
-        return float(sum(broken)), float(len(log))
-
-    return row
-
-
-def _plan_correction(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
-    change = limits.to_action(log.actions) - limits.to_action(log.nominal)
-    norms = np.linalg.norm(change, axis=2)
-    return float(norms.sum()), float(norms.size)
-
-
-def _plan_energy(column: int) -> _PlanRow:
-    """Rows for a mean energy."""
-
-    def row(log: PlanLog, _limits: ActuatorLimits) -> tuple[float, float]:
-        known = log.energy[np.isfinite(log.energy[:, column]), column]
-        return float(known.sum()), float(len(known))
-
-    return row
-
-
-def _plan_diversity(log: PlanLog, limits: ActuatorLimits) -> tuple[float, float]:
-    count = log.candidates.shape[1]
-    if count < 2:
-        return 0.0, 0.0
-    total = 0.0
-    for candidates in log.candidates:
-        path = ego_rollout(candidates, limits.wheelbase, limits.dt)
-        total += float(pdist(np.column_stack([path.x[:, -1], path.y[:, -1]])).mean())
-    return total, float(len(log))
-
-
-def _jerk(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
+def _jerk(episode: Episode, limits: ActuatorLimits) -> Row:
     jerk = np.diff(episode.speed, n=2) / limits.dt**2
     return float(np.square(jerk).sum()), float(len(jerk))
 
 
-def _steering_rate(episode: Episode, limits: ActuatorLimits) -> tuple[float, float]:
+def _steering_rate(episode: Episode, limits: ActuatorLimits) -> Row:
     change = episode.executed_command[:, 0] - episode.previous_command[:, 0]
     return float(np.square(change / limits.dt).sum()), float(episode.steps)
 
 
-def _lateral_acceleration(episode: Episode, limits: ActuatorLimits) -> tuple[float]:
+def _lateral_acceleration(episode: Episode, limits: ActuatorLimits) -> Row:
     turn = np.diff(episode.pose[:, 2])
     yaw_rate = np.arctan2(np.sin(turn), np.cos(turn)) / limits.dt
     speed = 0.5 * (episode.speed[1:] + episode.speed[:-1])
     return (float(np.abs(speed * yaw_rate).max()),)
 
 
-METRICS: dict[str, tuple[_Rows, Statistic]] = {
+def _plan_share(flag: Callable[[Plan], bool]) -> _PlanRow:
+    """Rows for a share of plans."""
+    return lambda plans, _limits: (float(sum(flag(p.plan) for p in plans)), float(len(plans)))
+
+
+def _plan_violations(commands: Callable[[Plan], Array]) -> _PlanRow:
+    """Rows for the share of plans that break a bound anywhere, from the last command on."""
+
+    def row(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
+        broken = [
+            any(map(limits.violated, commands(plan), [previous, *commands(plan)[:-1]]))
+            for plan, previous in plans
+        ]
+        return float(sum(broken)), float(len(plans))
+
+    return row
+
+
+def _plan_correction(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
+    actions = np.array([entry.plan.actions for entry in plans]).reshape(-1, 2)
+    nominal = np.array([entry.plan.nominal for entry in plans]).reshape(-1, 2)
+    norms = np.linalg.norm(limits.to_action(actions) - limits.to_action(nominal), axis=1)
+    return float(norms.sum()), float(norms.size)
+
+
+def _plan_energy(energy: Callable[[Plan], float]) -> _PlanRow:
+    """Rows for a mean energy."""
+
+    def row(plans: Sequence[LoggedPlan], _limits: ActuatorLimits) -> Row:
+        known = np.array([energy(entry.plan) for entry in plans])
+        known = known[np.isfinite(known)]
+        return float(known.sum()), float(len(known))
+
+    return row
+
+
+def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
+    """A fallback has one candidate: no distance. Plans of one candidate each have no row."""
+    if all(len(entry.plan.candidates) < 2 for entry in plans):
+        return 0.0, 0.0
+    total = 0.0
+    for entry in plans:
+        path = ego_rollout(entry.plan.candidates, limits.wheelbase, limits.dt)
+        ends = np.column_stack([path.x[:, -1], path.y[:, -1]])
+        total += float(pdist(ends).mean()) if len(ends) > 1 else 0.0
+    return total, float(len(plans))
+
+
+METRICS: dict[str, tuple[_EpisodeRow, Statistic]] = {
     "success": (_share(lambda e: e.success), ratio),
     "collision_rate": (_share(lambda e: e.collision), ratio),
     "off_road_rate": (_share(lambda e: e.off_road), ratio),
@@ -275,8 +326,8 @@ METRICS: dict[str, tuple[_Rows, Statistic]] = {
         _per_step(lambda e: (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum()),
         ratio,
     ),
-    "command_violation_rate": (_command_violations, ratio),
-    "nominal_violation_rate": (_nominal_violations, ratio),
+    "command_violation_rate": (_violations(lambda e: e.executed_command), ratio),
+    "nominal_violation_rate": (_violations(lambda e: e.nominal_command), ratio),
     **{f"nominal_violation_rate_{s}": (_source(i), ratio) for i, s in enumerate(SOURCES)},
     "intervention_rate": (_per_step(lambda e: e.triggered.sum()), ratio),
     "projection_active_rate": (_per_step(lambda e: e.projected.sum()), ratio),
@@ -288,14 +339,14 @@ METRICS: dict[str, tuple[_Rows, Statistic]] = {
 """Name -> (row of one episode, statistic of all rows): the metrics that episodes alone decide."""
 
 PLAN_METRICS: dict[str, _PlanRow] = {
-    "plan_projection_rate": _plan_share(lambda log: log.changed),
-    "plan_fallback_rate": _plan_share(lambda log: log.fallback),
-    "plan_nominal_violation_rate": _plan_violations(lambda log: log.nominal),
-    "plan_violation_rate": _plan_violations(lambda log: log.actions),
+    "plan_projection_rate": _plan_share(lambda plan: plan.status != Status.NOMINAL),
+    "plan_fallback_rate": _plan_share(lambda plan: plan.is_fallback),
+    "plan_nominal_violation_rate": _plan_violations(lambda plan: plan.nominal),
+    "plan_violation_rate": _plan_violations(lambda plan: plan.actions),
     "plan_correction_norm": _plan_correction,
-    "plan_energy_unguided": _plan_energy(0),
-    "plan_energy_nominal": _plan_energy(1),
-    "plan_energy": _plan_energy(2),
+    "plan_energy_unguided": _plan_energy(lambda plan: plan.energy_unguided),
+    "plan_energy_nominal": _plan_energy(lambda plan: plan.energy_nominal),
+    "plan_energy": _plan_energy(lambda plan: plan.energy),
     "plan_diversity_m": _plan_diversity,
 }
 """Name -> row of one log of plans; the statistic is the ratio."""
@@ -318,44 +369,4 @@ STATISTICS: dict[str, Statistic] = {
     "normalized_return": _normalized_return,
     "bc_loss": balanced_mean,
 }
-"""Name -> statistic of its rows."""
-
-
-def _return_rows(episodes: Sequence[Episode], references: ReferenceReturns | None) -> Array:
-    if references is None:
-        return np.empty((0, 3))
-    returns = [episode.total_reward for episode in episodes]
-    return np.column_stack([returns, references.random, references.expert])
-
-
-def _held_out_rows(held_out: HeldOutActions | None) -> Array:
-    """Per episode and mode: sum of squared errors, then number of states (E, 2 C)."""
-    classes = len(Mode)
-    if held_out is None:
-        return np.empty((0, 2 * classes))
-    error = np.square(held_out.agent_action - held_out.expert_action).mean(axis=1)
-    episodes, row = np.unique(held_out.seed, return_inverse=True)
-    rows = np.zeros((len(episodes), 2 * classes))
-    np.add.at(rows, (row, held_out.mode), error)
-    np.add.at(rows, (row, held_out.mode + classes), 1.0)
-    return rows
-
-
-def _pairs_rows(distances: Sequence[float]) -> Array:
-    return np.column_stack([distances, np.ones(len(distances))])
-
-
-def latencies(plan: Array, shield: Array) -> dict[str, Value]:
-    """Percentiles in milliseconds of all plans and of all shield calls.
-
-    Args:
-        plan: Durations of plans (P,) [s].
-        shield: Durations of shield calls (T,) [s]; NaN where the shield is off.
-    """
-    report: dict[str, Value] = {}
-    for name, seconds in (("plan", plan), ("shield", shield)):
-        measured = 1e3 * seconds[np.isfinite(seconds)]
-        for label, percent in (("p50", 50.0), ("p99", 99.0), ("max", 100.0)):
-            value = float(np.percentile(measured, percent)) if len(measured) else None
-            report[f"latency_{name}_{label}_ms"] = value
-    return report
+"""Name -> statistic of its rows, in the order in which the bootstrap draws."""

@@ -4,7 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from irl_dal.build import (
     build_loop,
@@ -16,11 +19,11 @@ from irl_dal.build import (
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import Agent, ExpertAgent, PolicyAgent, RandomAgent
 from irl_dal.evaluation.episode import Episode
-from irl_dal.evaluation.measurements import HeldOutActions, PathPair
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert
+from irl_dal.evaluation.metrics import cloning_row, episode_record
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, supervised
 from irl_dal.loop import ControlLoop, Supervision
 
-__all__ = ["AgentSpec", "Bench", "PolicyName"]
+__all__ = ["AgentSpec", "PathItem", "PolicyName", "Rig"]
 
 PolicyName = Literal["run", "expert", "random"]
 
@@ -44,9 +47,23 @@ class AgentSpec:
             )
 
 
+class PathItem(NamedTuple):
+    """A stretch of an expert's episode.
+
+    Attributes:
+        seed: Of the episode.
+        step: Where the stretch begins.
+        pose: The expert's x, y, yaw there and after each of K steps (K + 1, 3) [m, m, rad].
+    """
+
+    seed: int
+    step: int
+    pose: NDArray[np.float64]
+
+
 @dataclass(slots=True)
-class Bench:
-    """A loop with an agent in it.
+class Rig:
+    """A loop with an agent in it, and what can be measured with it; results are ready for JSON.
 
     Attributes:
         loop: The city under the agent's supervision.
@@ -59,7 +76,7 @@ class Bench:
     reference: Supervision
 
     @classmethod
-    def build(cls, config: RunConfig, spec: AgentSpec, render_mode: str | None = None) -> Bench:
+    def build(cls, config: RunConfig, spec: AgentSpec, render_mode: str | None = None) -> Rig:
         """Build everything from a configuration.
 
         Raises:
@@ -76,26 +93,39 @@ class Bench:
         """One episode of the agent."""
         return drive_episode(self.loop, self.agent, seed)
 
-    def probe(self, seed: int) -> tuple[Episode, HeldOutActions]:
-        """One episode of the expert, the agent answering in each state."""
-        return drive_expert(self.loop, self.reference, self.agent, seed)
+    def episode(self, seed: int) -> dict[str, Any]:
+        """What is kept of one episode of the agent: `episode_record`."""
+        return episode_record(self.drive(seed), self.loop.limits)
 
-    def random_return(self, seed: int) -> float:
+    def expert(self, seed: int) -> dict[str, Any]:
+        """One episode of the expert, the agent answering in each state: return, path, cloning."""
+        episode, answers = drive_expert(self.loop, self.reference, self.agent, seed)
+        return {
+            "seed": seed,
+            "return": episode.total_reward,
+            "pose": episode.pose.tolist(),
+            "cloning": cloning_row(episode, answers),
+        }
+
+    def expert_return(self, seed: int) -> dict[str, Any]:
+        """What the expert earns."""
+        return self._return(ExpertAgent(), seed)
+
+    def random_return(self, seed: int) -> dict[str, Any]:
         """What uniformly drawn actions earn, under the same shield as the expert's."""
-        own, self.loop.supervision = self.loop.supervision, self.reference
-        try:
-            return drive_episode(self.loop, RandomAgent(), seed).total_reward
-        finally:
-            self.loop.supervision = own
+        return self._return(RandomAgent(), seed)
 
-    def compare(self, stretch: tuple[Episode, list[int], int]) -> list[PathPair]:
-        """Paths from the given steps of an expert's episode, over a horizon [steps]."""
-        expert, steps, horizon = stretch
-        return [
-            compare_paths(self.loop, self.reference, self.agent, expert, step, horizon)
-            for step in steps
-        ]
+    def path(self, item: PathItem) -> dict[str, Any]:
+        """How far the agent is from the expert's path after each step of a stretch."""
+        distances = compare_paths(
+            self.loop, self.reference, self.agent, item.seed, item.step, item.pose
+        )
+        return {"distances": distances.tolist()}
 
     def close(self) -> None:
         """Leave the simulator."""
         self.loop.close()
+
+    def _return(self, agent: Agent, seed: int) -> dict[str, Any]:
+        with supervised(self.loop, self.reference):
+            return {"return": drive_episode(self.loop, agent, seed).total_reward}

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -10,15 +11,41 @@ from numpy.typing import NDArray
 
 from irl_dal.evaluation.agents import Agent, ExpertAgent
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
-from irl_dal.evaluation.measurements import ExpertPath, HeldOutActions, PathPair
 from irl_dal.loop import ControlLoop, Observation, Supervision
 
-__all__ = ["Watcher", "compare_paths", "drive_episode", "drive_expert", "spread_steps"]
+__all__ = [
+    "Watcher",
+    "begin_episode",
+    "compare_paths",
+    "drive_episode",
+    "drive_expert",
+    "spread_steps",
+    "supervised",
+]
 
 Array = NDArray[np.float64]
 
 Watcher = Callable[[Observation, Mapping[str, Any]], None]
 """Looks at the observation and `info` of the reset and of every step."""
+
+
+@contextmanager
+def supervised(loop: ControlLoop, supervision: Supervision) -> Iterator[None]:
+    """Drive under another supervision meanwhile."""
+    own, loop.supervision = loop.supervision, supervision
+    try:
+        yield
+    finally:
+        loop.supervision = own
+
+
+def begin_episode(loop: ControlLoop, agent: Agent, seed: int) -> tuple[Observation, dict[str, Any]]:
+    """Reset loop, agent and the planner's noise with one seed."""
+    agent.reset(seed)
+    planner = loop.supervision.planner
+    if planner is not None:
+        planner.generator.manual_seed(seed)
+    return loop.reset(seed=seed)
 
 
 def drive_episode(
@@ -32,7 +59,7 @@ def drive_episode(
         seed: Of the episode: road, traffic, light, noise of sensors and planner.
         watch: Called after the reset and after every step.
     """
-    observation, info = _begin(loop, agent, seed)
+    observation, info = begin_episode(loop, agent, seed)
     recorder = EpisodeRecorder(seed, info)
     over = False
     while not over:
@@ -50,7 +77,7 @@ def drive_episode(
 
 def drive_expert(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int
-) -> tuple[Episode, HeldOutActions]:
+) -> tuple[Episode, Array]:
     """Let the expert drive, and ask the agent in every state what it would have done.
 
     Args:
@@ -58,36 +85,22 @@ def drive_expert(
         reference: Supervision that the expert drives under, whatever the agent's is.
         agent: Who is asked; it never drives here.
         seed: Of the episode.
+
+    Returns:
+        The episode, and the agent's actions in its states (T, 2), normalised.
     """
-    answers: list[tuple[int, Array, Array]] = []
-
-    def ask(observation: Observation, info: Mapping[str, Any]) -> None:
-        label = np.asarray(info["expert_action"], np.float64)
-        answers.append((info["mode"], agent.act(observation, info), label))
-
+    answers: list[Array] = []
     agent.reset(seed)
-    own, loop.supervision = loop.supervision, reference
-    try:
-        episode = drive_episode(loop, ExpertAgent(), seed, ask)
-    finally:
-        loop.supervision = own
-    modes, actions, labels = zip(*answers[: episode.steps], strict=True)
-    return episode, HeldOutActions(
-        seed=np.full(episode.steps, seed),
-        mode=np.array(modes, np.int64),
-        agent_action=np.stack(actions),
-        expert_action=np.stack(labels),
-    )
+    with supervised(loop, reference):
+        episode = drive_episode(
+            loop, ExpertAgent(), seed, lambda seen, info: answers.append(agent.act(seen, info))
+        )
+    return episode, np.stack(answers[: episode.steps])
 
 
 def compare_paths(
-    loop: ControlLoop,
-    reference: Supervision,
-    agent: Agent,
-    expert: Episode | ExpertPath,
-    step: int,
-    horizon: int,
-) -> PathPair:
+    loop: ControlLoop, reference: Supervision, agent: Agent, seed: int, step: int, pose: Array
+) -> Array:
     """Put the agent into a state of an expert's episode and let it drive.
 
     The state is restored by driving the expert's episode again up to `step`, without the camera
@@ -97,29 +110,28 @@ def compare_paths(
         loop: The city with the agent's supervision.
         reference: Supervision that the expert drove under.
         agent: Who drives from the state on.
-        expert: The expert's episode, or its path.
-        step: Control step of the state in it; `step + horizon` must not exceed its length.
-        horizon: Control steps K to drive.
+        seed: Of the expert's episode.
+        step: Control step of the state in it.
+        pose: The expert's x, y, yaw in that state and after each of K steps (K + 1, 3) [m, m, rad].
 
     Returns:
-        Both paths over the K steps.
+        Distance between both paths after each of the K steps (K,) [m].
+
+    Raises:
+        ValueError: If the expert's path has no step after the state.
     """
-    if not 0 <= step <= expert.steps - horizon:
-        raise ValueError(
-            f"`step` must lie in [0, {expert.steps - horizon}] for an episode of {expert.steps} "
-            f"steps and a horizon of {horizon}. Got {step}."
-        )
-    observation, info = _restore(loop, reference, agent, expert.seed, step)
-    path = np.empty((horizon, 2))
+    if len(pose) < 2:
+        raise ValueError(f"`pose` must hold the state and a step after it. Got {len(pose)} rows.")
+    observation, info = _restore(loop, reference, agent, seed, step)
+    path = np.empty((len(pose) - 1, 2))
     over = False
-    for k in range(horizon):
+    for k in range(len(path)):
         if not over:
             action = agent.act(observation, info)
             observation, _, terminated, truncated, info = agent.drive(loop, action)
             over = terminated or truncated
         path[k] = info["pose"][:2]
-    driven = expert.pose[step + 1 : step + 1 + horizon, :2].copy()
-    return PathPair(expert.seed, step, path, driven)
+    return np.asarray(np.linalg.norm(path - pose[1:, :2], axis=1))
 
 
 def spread_steps(
@@ -146,28 +158,20 @@ def spread_steps(
     return steps
 
 
-def _begin(loop: ControlLoop, agent: Agent, seed: int) -> tuple[Observation, dict[str, Any]]:
-    agent.reset(seed)
-    planner = loop.supervision.planner
-    if planner is not None:
-        planner.generator.manual_seed(seed)
-    return loop.reset(seed=seed)
-
-
 def _restore(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int, step: int
 ) -> tuple[Observation, dict[str, Any]]:
     """Bring the loop into the state after `step` steps of the expert, under the agent's watch."""
-    own, loop.supervision = loop.supervision, reference
     try:
-        loop.city.camera_on = step == 0
-        observation, info = _begin(loop, agent, seed)
-        for k in range(step):
-            loop.city.camera_on = k == step - 1
-            observation, _, _, _, info = loop.step_expert()
+        with supervised(loop, reference):
+            loop.city.camera_on = step == 0
+            observation, info = begin_episode(loop, agent, seed)
+            for k in range(step):
+                loop.city.camera_on = k == step - 1
+                observation, _, _, _, info = loop.step_expert()
     finally:
         loop.city.camera_on = True
-        loop.supervision = own
+    own = loop.supervision
     if own.planner is not None and own.blend is not None:
         own.planner.generator.manual_seed(seed)
         own.planner.reset()

@@ -8,8 +8,8 @@ from rich.console import Console
 
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig
-from irl_dal.evaluation.measurements import Measurements
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.metrics import Measurements
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.suite import evaluate
 from irl_dal.evaluation.summary import evaluation_table
@@ -18,7 +18,7 @@ from irl_dal.figures.video import DriveFilm
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 
-__all__ = ["film_drive", "show_run", "telling_seed"]
+__all__ = ["film_drive", "show_run", "showcase_seed"]
 
 
 def show_run(folder: RunFolder, console: Console) -> None:
@@ -34,16 +34,18 @@ def show_run(folder: RunFolder, console: Console) -> None:
     figures = draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
     if config.evaluation.video_duration > 0.0:
         with console.status("filming one drive"):
-            film_drive(config, spec, telling_seed(evaluation.measurements), folder.video)
+            film_drive(config, spec, showcase_seed(evaluation.measurements), folder.video)
         figures.append(folder.video)
     for path in (folder.evaluation, *figures):
         console.print(f"written to {path}")
 
 
-def telling_seed(measurements: Measurements) -> int:
+def showcase_seed(measurements: Measurements) -> int:
     """The episode worth showing: a success if there is one, with the most planner steps."""
-    best = max(measurements.episodes, key=lambda e: (e.success, int(e.triggered.sum())))
-    return best.seed
+    best = max(
+        measurements.episodes, key=lambda episode: (episode["success"], episode["triggered"])
+    )
+    return int(best["seed"])
 
 
 def film_drive(config: RunConfig, spec: AgentSpec, seed: int, path: Path) -> None:
@@ -56,9 +58,9 @@ def film_drive(config: RunConfig, spec: AgentSpec, seed: int, path: Path) -> Non
         path: `.mp4` or `.gif`.
     """
     with one_thread():
-        bench = Bench.build(config, spec, render_mode="rgb_array")
+        rig = Rig.build(config, spec, render_mode="rgb_array")
         try:
-            with DriveFilm(path, bench.loop, config.evaluation.video_duration) as film:
-                drive_episode(bench.loop, bench.agent, seed, film.watch)
+            with DriveFilm(path, rig.loop, config.evaluation.video_duration) as film:
+                drive_episode(rig.loop, rig.agent, seed, film.watch)
         finally:
-            bench.close()
+            rig.close()

@@ -42,6 +42,11 @@ class Estimate:
     low: float | None = None
     high: float | None = None
 
+    def entries(self, name: str) -> dict[str, float | list[float] | None]:
+        """`name` and `<name>_ci95` of a flat report."""
+        bounds = None if self.low is None or self.high is None else [self.low, self.high]
+        return {name: self.value, f"{name}_ci95": bounds}
+
 
 def ratio(rows: Array) -> Array:
     """Sum of column 0 over sum of column 1, (B, N, 2) -> (B,); NaN where the latter is zero."""

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
-import shutil
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -14,22 +12,19 @@ from rich.console import Console
 
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig, to_mapping
-from irl_dal.evaluation.measurements import (
-    HeldOutActions,
-    Measurements,
-    PathPair,
-    ReferenceReturns,
-)
-from irl_dal.evaluation.metrics import Value, compute_metrics
-from irl_dal.evaluation.references import ReferenceCache
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.metrics import Measurements, Value, compute_metrics
+from irl_dal.evaluation.rig import AgentSpec, PathItem, Rig
 from irl_dal.evaluation.rollout import spread_steps
 from irl_dal.evaluation.workers import Workers
 from irl_dal.storage.checkpoint import CheckpointStore
-from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
-from irl_dal.storage.run_folder import RunFolder, provenance
+from irl_dal.storage.result_store import ResultStore, result_key
+from irl_dal.storage.run_folder import provenance
 
-__all__ = ["Evaluation", "evaluate"]
+__all__ = ["PATH_DURATION", "Evaluation", "evaluate"]
+
+PATH_DURATION = 5.0
+"""Length of the paths that ADE and FDE compare [s]: five times the planned horizon, long enough for
+a bend or a manoeuvre. The paper names none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,7 +32,7 @@ class Evaluation:
     """An evaluation's result.
 
     Attributes:
-        measurements: What was logged.
+        measurements: What was measured.
         report: The numbers, flat, ready for JSON.
     """
 
@@ -50,8 +45,8 @@ def evaluate(
 ) -> Evaluation:
     """Drive and measure.
 
-    What a run has driven is kept in its folder until the end: the same evaluation, interrupted and
-    begun again, goes on.
+    What is driven is kept until the evaluation is complete: the same one, interrupted and begun
+    again, goes on. The returns of expert and random actions are kept for good, beside the runs.
 
     Args:
         config: What is evaluated; its `evaluation` says how much.
@@ -61,97 +56,100 @@ def evaluate(
 
     Raises:
         CheckpointError: The run has no checkpoint that can be used.
+        KeyboardInterrupt: With words on what is kept.
     """
     with one_thread():
-        Bench.build(config, spec).close()  # what cannot be built says so here, once
-    kept = _unfinished(config, spec)
-    with Workers(config, spec, config.evaluation.n_jobs, console, kept) as workers:
-        measurements = _measure(config, spec, runs, workers)
-    rng = np.random.default_rng(config.evaluation.first_seed)
+        Rig.build(config, spec).close()  # what cannot be built says so here, once
+    kept = _unfinished(config, spec, runs)
+    try:
+        with (
+            kept.until_complete(),
+            Workers(config, spec, config.evaluation.n_jobs, console) as workers,
+        ):
+            measurements = _measure(config, spec, workers, kept, _references(config, runs))
+            rng = np.random.default_rng(config.evaluation.first_seed)
+            numbers = compute_metrics(measurements, rng)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(_what_is_kept(kept)) from None
     report: dict[str, Value] = {
         "policy": spec.policy,
         "variant": config.variant,
         "training_seed": config.seed if spec.policy == "run" else None,
     }
-    report |= provenance(config)
-    report |= compute_metrics(measurements, config.limits, rng)
+    report |= provenance(config) | numbers
     report |= {"latency_threads": 1, "latency_processes": config.evaluation.n_jobs}
-    if kept is not None:
-        shutil.rmtree(kept.parent, ignore_errors=True)
     return Evaluation(measurements, report)
 
 
-def _measure(config: RunConfig, spec: AgentSpec, runs: Path, workers: Workers) -> Measurements:
+def _measure(
+    config: RunConfig, spec: AgentSpec, workers: Workers, kept: ResultStore, references: ResultStore
+) -> Measurements:
     """Drive whatever is not known yet."""
     extent = config.evaluation
     seeds = list(range(extent.first_seed, extent.first_seed + extent.episodes))
-    cache = ReferenceCache.beside(runs, _city_hash(config))
-    episodes = workers.map("driving", Bench.drive, seeds)
-    if spec.policy != "run" and config.shield.enabled:
-        cache.add(spec.policy, {episode.seed: episode.total_reward for episode in episodes})
     held_out = seeds[: extent.held_out_episodes]
-    # Others may write the file meanwhile: what is used is what was read here or driven here.
-    expert_returns, random_returns = cache.known("expert"), cache.known("random")
-    also = [seed for seed in seeds if seed not in expert_returns and seed not in held_out]
-    probes = workers.map("expert", Bench.probe, held_out + also)
-    driven = {episode.seed: episode.total_reward for episode, _ in probes}
-    cache.add("expert", driven)
-    expert_returns |= driven
-    unknown = [seed for seed in seeds if seed not in random_returns]
-    driven = dict(zip(unknown, workers.map("random", Bench.random_return, unknown), strict=True))
-    cache.add("random", driven)
-    random_returns |= driven
+    episodes = workers.map_kept("driving", Rig.episode, seeds, kept)
+    probes = workers.map_kept("expert", Rig.expert, held_out, kept)
+    known = {("expert", probe["seed"]): probe["return"] for probe in probes}
+    if config.shield.enabled:  # then expert and random actions drove as their references do
+        known |= {(spec.policy, episode["seed"]): episode["return"] for episode in episodes}
+    returns = []
+    for driver, work in (("random", Rig.random_return), ("expert", Rig.expert_return)):
+        for seed in seeds:
+            if (driver, seed) in known:
+                with suppress(OSError):
+                    references.put(f"{driver} return", seed, {"return": known[driver, seed]})
+        unknown = [seed for seed in seeds if (driver, seed) not in known]
+        driven = workers.map_kept(f"{driver} return", work, unknown, references)
+        known |= {
+            (driver, seed): entry["return"] for seed, entry in zip(unknown, driven, strict=True)
+        }
+        returns.append([known[driver, seed] for seed in seeds])
+    paths = workers.map_kept(
+        "paths", Rig.path, _paths(config, probes), kept, lambda item: f"{item.seed}-{item.step}"
+    )
     return Measurements(
         episodes=episodes,
-        references=ReferenceReturns(
-            expert=np.array([expert_returns[seed] for seed in seeds]),
-            random=np.array([random_returns[seed] for seed in seeds]),
-        ),
-        held_out=_join([answers for _, answers in probes[: len(held_out)]]),
-        pairs=_pairs(config, [episode for episode, _ in probes[: len(held_out)]], workers),
+        references=np.transpose(returns).tolist(),
+        cloning=[probe["cloning"] for probe in probes],
+        distances=[path["distances"] for path in paths],
     )
 
 
-def _pairs(config: RunConfig, experts: Sequence[Any], workers: Workers) -> list[PathPair]:
-    """Compare paths from states along held-out expert episodes."""
+def _paths(config: RunConfig, probes: list[dict[str, Any]]) -> list[PathItem]:
+    """States along held-out expert episodes from which paths are compared."""
     extent = config.evaluation
-    horizon = max(1, round(extent.path_duration / config.limits.dt))
+    horizon = max(1, round(PATH_DURATION / config.limits.dt))
     rng = np.random.default_rng(extent.first_seed)
-    lengths = [episode.steps for episode in experts]
+    lengths = [len(probe["pose"]) - 1 for probe in probes]
     steps = spread_steps(lengths, extent.path_states, horizon, rng)
-    stretches = [
-        (episode, [step], horizon)
-        for episode, chosen in zip(experts, steps, strict=True)
+    return [
+        PathItem(probe["seed"], step, np.array(probe["pose"][step : step + 1 + horizon]))
+        for probe, chosen in zip(probes, steps, strict=True)
         for step in chosen
     ]
-    found = workers.map("paths", Bench.compare, stretches)
-    return [pair for pairs in found for pair in pairs]
 
 
-def _join(answers: Sequence[HeldOutActions]) -> HeldOutActions | None:
-    if not answers:
-        return None
-    return HeldOutActions(
-        seed=np.concatenate([part.seed for part in answers]),
-        mode=np.concatenate([part.mode for part in answers]),
-        agent_action=np.concatenate([part.agent_action for part in answers]),
-        expert_action=np.concatenate([part.expert_action for part in answers]),
-    )
-
-
-def _city_hash(config: RunConfig) -> str:
-    """Hash of what the references' returns depend on: city, expert, bounds, and their code."""
-    parts = [asdict(config.env), asdict(config.expert), asdict(config.limits)]
-    text = json.dumps(parts, sort_keys=True)
-    return fingerprint(text, code_fingerprint())
-
-
-def _unfinished(config: RunConfig, spec: AgentSpec) -> Path | None:
-    """Where a run's evaluation keeps what it has driven: by weights, settings and code."""
-    if spec.run_dir is None:
-        return None
+def _unfinished(config: RunConfig, spec: AgentSpec, runs: Path) -> ResultStore:
+    """Results of an evaluation that is not complete: in the run's folder, or beside the runs."""
     settings = to_mapping(config)
     del settings["evaluation"]  # how much is driven, by how many: what was driven is the same
-    weights = sorted(CheckpointStore(spec.run_dir).load().folder.iterdir())
-    name = fingerprint(json.dumps(settings, sort_keys=True), *weights, code_fingerprint())
-    return RunFolder(spec.run_dir, config).unfinished / name
+    run_dir = spec.run_dir
+    weights = None if run_dir is None else CheckpointStore(run_dir).load().folder
+    key = result_key({"policy": spec.policy, **settings}, weights)
+    return ResultStore((runs if run_dir is None else run_dir) / "unfinished" / key)
+
+
+def _references(config: RunConfig, runs: Path) -> ResultStore:
+    """Returns of expert and random actions, for all evaluations in the same city."""
+    mapping = to_mapping(config)
+    settings = {name: mapping[name] for name in ("env", "expert", "limits", "shield")}
+    del settings["shield"]["enabled"]  # the references always drive under it
+    return ResultStore(runs / "references" / result_key(settings))
+
+
+def _what_is_kept(store: ResultStore) -> str:
+    count = store.count()
+    if count == 0:
+        return "nothing is kept"
+    return f"{count} results are kept in {store.folder}, the same command goes on from there"

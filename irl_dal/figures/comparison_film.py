@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
-from irl_dal.evaluation.rig import Bench
+from irl_dal.evaluation.rig import Rig
 from irl_dal.figures.panels import WINDOW, CommandPlot, FilmFrame
 from irl_dal.figures.style import PALETTE
 from irl_dal.loop import Observation
@@ -39,7 +39,7 @@ CODEC = ["-crf", "40", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "7", "
 class _Drive:
     """One half of the film."""
 
-    bench: Bench
+    bench: Rig
     half: _Half
     recorder: EpisodeRecorder
     observation: Observation
@@ -48,7 +48,7 @@ class _Drive:
     over: bool = False
 
     @classmethod
-    def begin(cls, bench: Bench, half: _Half, seed: int) -> _Drive:
+    def begin(cls, bench: Rig, half: _Half, seed: int) -> _Drive:
         """Reset with the same noise as an evaluation's."""
         bench.agent.reset(seed)
         planner = bench.loop.supervision.planner
@@ -120,7 +120,7 @@ class _Half:
 
 
 def film_pair(
-    path: Path, benches: tuple[Bench, Bench], titles: tuple[str, str], seed: int, duration: float
+    path: Path, benches: tuple[Rig, Rig], titles: tuple[str, str], seed: int, duration: float
 ) -> tuple[Episode, Episode]:
     """Film two drives of one seed and log both.
 

@@ -58,6 +58,10 @@ class ResultStore:
 
     folder: Path
 
+    def count(self) -> int:
+        """Number of results."""
+        return sum(1 for _ in self.folder.glob("*/*.json"))
+
     def get(self, what: str, item: int | str) -> dict[str, Any] | None:
         """A kept result; None where there is none, or none that can be read."""
         try:

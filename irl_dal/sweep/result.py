@@ -14,7 +14,7 @@ import numpy as np
 from expert.modes import Mode
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
@@ -143,7 +143,7 @@ def read_result(path: Path) -> RunResult:
 def _overlay(folder: RunFolder) -> tuple[list[list[float]], bool]:
     """Drive the one episode whose path is kept."""
     with one_thread():
-        bench = Bench.build(folder.config, AgentSpec("run", folder.path))
+        bench = Rig.build(folder.config, AgentSpec("run", folder.path))
         try:
             episode = bench.drive(OVERLAY_SEED)
         finally:

@@ -41,7 +41,6 @@ TINY = (
     "shield.trigger.clearance=15",
     "evaluation.n_jobs=1",
     "evaluation.path_states=2",
-    "evaluation.path_duration=1",
     "evaluation.video_duration=0.3",
 )
 """A training of 128 steps that triggers the planner often."""
@@ -61,6 +60,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a complete tiny run."""
     folder = tmp_path_factory.mktemp("commands") / "runs" / "tiny"
     with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("irl_dal.evaluation.suite.PATH_DURATION", 1.0)
         patch.setattr(sys, "argv", ["train", *TINY, "seed=3", f"run_dir={folder}"])
         train.main()
     return folder
@@ -99,11 +99,14 @@ def test_the_run_folder_says_what_was_asked_for(trained: Path) -> None:
     assert "${" not in text and "hydra" not in yaml.safe_load(text)
 
 
-def test_evaluating_a_run_repeats_its_numbers(trained: Path, call: Call, tmp_path: Path) -> None:
+def test_evaluating_a_run_repeats_its_numbers(
+    trained: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`evaluate run=DIR` measures as the training did at its end, and prints its table."""
+    monkeypatch.setattr("irl_dal.evaluation.suite.PATH_DURATION", 1.0)
     out = tmp_path / "deep" / "again.json"
     extent = ("episodes=2", "n_jobs=1", "evaluation.held_out_episodes=1")
-    paths = ("evaluation.path_states=2", "evaluation.path_duration=1")
+    paths = ("evaluation.path_states=2",)
     printed = call("evaluate", f"run={trained}", *extent, *paths, f"out={out}")
     assert "success" in printed and "executed commands out of bounds" in printed
     again = json.loads(out.read_text())
@@ -113,26 +116,92 @@ def test_evaluating_a_run_repeats_its_numbers(trained: Path, call: Call, tmp_pat
 
 
 def test_an_interrupted_evaluation_goes_on(
-    trained: Path, call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    trained: Path,
+    call: Call,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
 ) -> None:
-    """What was driven is not driven again; other weights, settings or code share none of it."""
+    """What was driven is not driven again; other weights or settings share none of it."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     out = tmp_path / "at_last.json"
-    extent = (f"run={trained}", "n_jobs=1", "evaluation.held_out_episodes=0", f"out={out}")
-    with monkeypatch.context() as patch, pytest.raises(KeyboardInterrupt):
+    extent = ("n_jobs=1", "evaluation.held_out_episodes=0", "episodes=2", f"out={out}")
+    with monkeypatch.context() as patch, pytest.raises(SystemExit) as end:
         patch.setattr("irl_dal.evaluation.suite.compute_metrics", interrupt)
-        call("evaluate", *extent, "episodes=2")
+        patch.setattr(sys, "argv", ["evaluate", f"run={trained}", *extent])
+        evaluate.main()
+    assert end.value.code == 130
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("interrupted; 2 results are kept in ") and "unfinished" in line
     with monkeypatch.context() as patch:
-        patch.setattr("irl_dal.evaluation.workers.Bench", None)  # nobody can drive
-        with pytest.raises(AttributeError):
-            call("evaluate", *extent, "episodes=2", "shield=off")
-        assert (trained / "unfinished").is_dir()
-        call("evaluate", *extent, "episodes=2")
+        patch.setattr("irl_dal.evaluation.rig.Rig.drive", None)  # nobody can drive
+        with pytest.raises(TypeError):
+            call("evaluate", f"run={trained}", *extent, "shield=off")
+        call("evaluate", f"run={trained}", *extent)
     assert json.loads(out.read_text())["episodes"] == 2
-    assert not (trained / "unfinished").exists()
+    assert len(list((trained / "unfinished").iterdir())) == 1  # of the one without a shield
+
+
+def test_ctrl_c_is_one_line_and_ends_the_processes(tmp_path: Path) -> None:
+    """Sent to the whole group, as a terminal does, while two processes drive."""
+    root = Path(train.__file__).resolve().parents[1]
+    process = subprocess.Popen(
+        [sys.executable, "-m", "irl_dal.evaluate", "policy=random", "episodes=400", "n_jobs=2"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(root)},
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
+        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
+    )
+    try:
+        started = time.monotonic()
+        while not list(tmp_path.rglob("driving/*.json")) and time.monotonic() < started + 240:
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        output = process.communicate(timeout=60)[0]  # waits for whoever holds the pipe
+    finally:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+    assert process.returncode == 130, output
+    (line,) = output.strip().splitlines()
+    assert line.startswith("interrupted; ") and " kept in runs/unfinished/" in line
+
+
+def test_a_report_that_cannot_be_written_is_refused_before_the_first_drive(
+    call: Call, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`out=` is named, and nothing is left of the evaluation."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("irl_dal.evaluate.evaluate", None)  # nobody can drive
+    (tmp_path / "file").touch()
+    line = call("evaluate", "policy=random", "episodes=1", "out=file/numbers.json")
+    assert "out = 'file/numbers.json'" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_disk_that_fills_up_meanwhile_costs_the_file_alone(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The table is printed, the complaint names `out`."""
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("irl_dal.evaluate.write_json", full)
+    extent = ("episodes=1", "n_jobs=1", "evaluation.held_out_episodes=0", "env.time_limit=1")
+    monkeypatch.setattr(sys, "argv", ["evaluate", "policy=random", *extent, "out=numbers.json"])
+    with pytest.raises(SystemExit) as end:
+        evaluate.main()
+    printed = capsys.readouterr()
+    assert end.value.code == 2 and "success" in printed.out
+    (line,) = printed.err.splitlines()
+    assert line.startswith("error: out = 'numbers.json'") and "No space left" in line
 
 
 def test_a_run_can_be_evaluated_elsewhere(trained: Path, call: Call, tmp_path: Path) -> None:

@@ -11,9 +11,8 @@ from irl_dal.comparison.drive import arm_bench, arm_planner, plan_log, risky_con
 from irl_dal.comparison.settings import Arm, arms_of
 from irl_dal.comparison.suite import compare
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.measurements import Measurements
-from irl_dal.evaluation.metrics import compute_metrics
-from irl_dal.evaluation.rig import Bench
+from irl_dal.evaluation.metrics import Measurements, compute_metrics
+from irl_dal.evaluation.rig import Rig
 from irl_dal.planner import ProjectionMode
 from tests.irl_dal.comparison.tiny import TINY, tiny_subject
 from tests.irl_dal.conftest import Compared
@@ -69,8 +68,8 @@ def test_guided_plans_have_less_energy_in_logged_risky_states(
         contexts = [list(risky_contexts(bench, seed)[1].values()) for seed in TINY.seeds]
     for arm in arms:
         planner = arm_planner(compared.subject, arm, 1)
-        energies = [plan_log(planner, group, 0).energy[:, 2] for group in contexts]
-        logs.append(np.concatenate(energies))
+        plans = [plan for group in contexts for plan in plan_log(planner, group, 0)]
+        logs.append(np.array([entry.plan.energy for entry in plans]))
     guided, unguided = logs
     assert len(guided) >= 10
     assert guided.mean() < unguided.mean()
@@ -81,9 +80,8 @@ def test_numbers_are_those_of_an_evaluation(compared: Compared) -> None:
     """An arm driven anew and given to the metrics module yields the report's numbers."""
     subject, arm = compared.subject, Arm("trigger", "x0", shielded=True)
     with arm_bench(subject, arm) as bench:
-        episodes = [bench.drive(seed) for seed in TINY.seeds]
-    rng = np.random.default_rng(0)
-    again = compute_metrics(Measurements(episodes), subject.config.limits, rng)
+        episodes = [bench.episode(seed) for seed in TINY.seeds]
+    again = compute_metrics(Measurements(episodes), np.random.default_rng(0))
     found = compared.report["arms"][arm.name]
     assert again["intervention_rate"] == found["intervention_rate"] > 0.0
     for key, value in again.items():
@@ -110,15 +108,15 @@ def test_an_interrupted_comparison_goes_on(
     """What was driven before the interruption is not driven again, and the numbers are the same."""
     alone = replace(TINY, activations=("alone",))
     subject = tiny_subject(run, tmp_path / "out", alone)
-    drive, driven = Bench.drive, []
+    drive, driven = Rig.drive, []
 
-    def counted(bench: Bench, seed: int) -> object:
+    def counted(bench: Rig, seed: int) -> object:
         if len(driven) == 3:
             raise KeyboardInterrupt
         driven.append(seed)
         return drive(bench, seed)
 
-    monkeypatch.setattr(Bench, "drive", counted)
+    monkeypatch.setattr(Rig, "drive", counted)
     with pytest.raises(KeyboardInterrupt):
         compare(subject)
     kept = sorted((tmp_path / "out" / "episodes").rglob("*.json"))

@@ -6,9 +6,10 @@ import numpy as np
 
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.config import EvaluationConfig
-from irl_dal.evaluation.episode import Episode
-from irl_dal.evaluation.plan_log import PlanLog
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.episode import Episode, LoggedPlan
+from irl_dal.evaluation.rig import AgentSpec, Rig
+from irl_dal.planner import Plan
+from shield import Status
 
 
 def small_config(**extent: float) -> RunConfig:
@@ -17,14 +18,14 @@ def small_config(**extent: float) -> RunConfig:
     city = replace(
         config.env, route_length=80.0, route_spread=0.0, time_limit=4.0, difficulty="easy"
     )
-    sizes = {"episodes": 2, "held_out_episodes": 1, "path_states": 3, "path_duration": 1.0}
+    sizes = {"episodes": 2, "held_out_episodes": 1, "path_states": 3}
     evaluation = EvaluationConfig(**{**sizes, "n_jobs": 1, **extent})
     return replace(config, env=city, evaluation=evaluation)
 
 
-def small_bench(policy: str = "expert", **extent: float) -> Bench:
-    """A bench in that city."""
-    return Bench.build(small_config(**extent), AgentSpec(policy))
+def small_rig(policy: str = "expert", **extent: float) -> Rig:
+    """A rig in that city."""
+    return Rig.build(small_config(**extent), AgentSpec(policy))
 
 
 def written_episode(steps: int = 4, **entries: object) -> Episode:
@@ -48,7 +49,7 @@ def written_episode(steps: int = 4, **entries: object) -> Episode:
         "triggered": np.zeros(steps, np.bool_),
         "nominal_violations": np.full((steps, 4), -1, np.int8),
         "shield_time": np.full(steps, np.nan),
-        "plans": PlanLog.empty(),
+        "plans": (),
     }
     arrays = {
         name: value.copy() if isinstance(value, np.ndarray) else value
@@ -57,16 +58,20 @@ def written_episode(steps: int = 4, **entries: object) -> Episode:
     return Episode(**arrays)
 
 
-def plan_log(plans: int) -> PlanLog:
-    """So many plans to stand still, eight commands long, of one candidate each."""
-    still = np.zeros((plans, 8, 2))
-    return PlanLog(
-        previous=np.zeros((plans, 2)),
-        nominal=still.copy(),
-        actions=still.copy(),
-        candidates=still[:, None].copy(),
-        energy=np.full((plans, 3), np.nan),
-        latency=np.full(plans, 0.01),
-        changed=np.zeros(plans, np.bool_),
-        fallback=np.zeros(plans, np.bool_),
-    )
+def logged_plan(**entries: object) -> LoggedPlan:
+    """A plan to stand still, eight commands long, of one candidate; `entries` replace its parts."""
+    still = np.zeros((8, 2))
+    values: dict[str, object] = {
+        "actions": still,
+        "nominal": still,
+        "status": Status.NOMINAL,
+        "reason": "",
+        "energy": np.nan,
+        "energy_nominal": np.nan,
+        "energy_unguided": np.nan,
+        "candidates": still[None],
+        "projections": 0,
+        "solve_time": 0.0,
+        "latency": 0.01,
+    }
+    return LoggedPlan(Plan(**{**values, **entries}), np.zeros(2))

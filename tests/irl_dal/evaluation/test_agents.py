@@ -2,7 +2,7 @@ import numpy as np
 import torch
 
 from irl_dal.evaluation.agents import ExpertAgent, PolicyAgent, RandomAgent
-from tests.irl_dal.evaluation.small import small_bench
+from tests.irl_dal.evaluation.small import small_rig
 from tests.irl_dal.learning.samples import new_policy, observation
 
 
@@ -34,14 +34,14 @@ def test_random_actions_repeat_with_the_seed() -> None:
 
 def test_the_expert_answers_with_its_label_and_drives_its_command() -> None:
     """What is compared is the set-point, what is executed the slew-limited command."""
-    bench = small_bench("expert")
+    rig = small_rig("expert")
     try:
-        observation, info = bench.loop.reset(seed=1)
+        observation, info = rig.loop.reset(seed=1)
         agent = ExpertAgent()
         action = agent.act(observation, info)
         np.testing.assert_array_equal(action, info["expert_action"])
         command = info["expert"].command
-        after = agent.drive(bench.loop, action)[-1]
+        after = agent.drive(rig.loop, action)[-1]
         np.testing.assert_array_equal(after["nominal_command"], command)
     finally:
-        bench.close()
+        rig.close()

@@ -3,23 +3,23 @@ import pytest
 
 from irl_dal.evaluation.episode import EpisodeRecorder
 from irl_dal.loop import SOURCES
-from tests.irl_dal.evaluation.small import small_bench, written_episode
+from tests.irl_dal.evaluation.small import small_rig, written_episode
 
 
 def test_recorder_keeps_what_the_loop_says() -> None:
     """Every array holds one entry per step, positions one more, taken from the right moment."""
-    bench = small_bench("random")
+    rig = small_rig("random")
     try:
-        _, first = bench.loop.reset(seed=3)
+        _, first = rig.loop.reset(seed=3)
         recorder, before, infos = EpisodeRecorder(3, first), first, []
         for action in np.linspace(-0.4, 0.4, 10).reshape(5, 2):
-            _, reward, _, _, after = bench.loop.step(action)
+            _, reward, _, _, after = rig.loop.step(action)
             after["mode"] = len(infos) % 4
             recorder.add(before, action, reward, after)
             infos.append(after)
             before = after
     finally:
-        bench.close()
+        rig.close()
     episode = recorder.finish()
     assert episode.steps == 5
     np.testing.assert_array_equal(episode.pose[0], first["pose"])

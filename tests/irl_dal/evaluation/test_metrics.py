@@ -1,18 +1,21 @@
 import json
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from irl_dal.evaluation.measurements import (
-    HeldOutActions,
+from irl_dal.evaluation.episode import Episode, LoggedPlan
+from irl_dal.evaluation.metrics import (
+    METRICS,
+    STATISTICS,
     Measurements,
-    PathPair,
-    ReferenceReturns,
+    cloning_row,
+    compute_metrics,
+    episode_record,
+    join_rows,
+    plan_rows,
 )
-from irl_dal.evaluation.metrics import METRICS, STATISTICS, compute_metrics, metric_rows
-from shield import ActuatorLimits
-from tests.irl_dal.evaluation.small import plan_log, written_episode
+from shield import ActuatorLimits, Status
+from tests.irl_dal.evaluation.small import logged_plan, written_episode
 
 LIMITS = ActuatorLimits()
 
@@ -32,14 +35,16 @@ DESIGN_KEYS = (
 )
 
 
-def report(measurements: Measurements) -> dict[str, object]:
-    """The numbers with a fixed bootstrap."""
-    return dict(compute_metrics(measurements, LIMITS, np.random.default_rng(0)))
+def report(*episodes: Episode, **parts: object) -> dict[str, object]:
+    """The numbers with a fixed bootstrap, from what JSON keeps."""
+    records = [episode_record(episode, LIMITS) for episode in episodes]
+    kept = json.loads(json.dumps({"episodes": records, **parts}))
+    return dict(compute_metrics(Measurements(**kept), np.random.default_rng(0)))
 
 
 def test_every_name_of_the_design_is_there_with_its_interval() -> None:
     """The report is flat, finite JSON with the agreed names."""
-    numbers = report(Measurements([written_episode()]))
+    numbers = report(written_episode())
     for key in DESIGN_KEYS:
         assert key in numbers and f"{key}_ci95" in numbers
     for key in ("episodes", "steps", "seeds"):
@@ -55,7 +60,7 @@ def test_shares_of_episodes_and_steps() -> None:
         written_episode(300, seed=12, success=False, off_road=True),
         written_episode(200, seed=13, success=False),
     ]
-    numbers = report(Measurements(episodes))
+    numbers = report(*episodes)
     assert (numbers["episodes"], numbers["steps"]) == (4, 1000)
     assert numbers["seeds"] == [10, 11, 12, 13]
     assert numbers["episode_success"] == [True, False, False, False]
@@ -71,27 +76,24 @@ def test_normalized_return_is_two_hundred_for_the_expert_and_zero_for_chance() -
     episodes = [written_episode(4), written_episode(8)]  # returns 4 and 8
 
     def normalized(expert: list[float], random: list[float]) -> object:
-        references = ReferenceReturns(np.array(expert), np.array(random))
-        return report(Measurements(episodes, references))["normalized_return"]
+        references = list(zip(random, expert, strict=True))
+        return report(*episodes, references=references)["normalized_return"]
 
     assert normalized([4.0, 8.0], [0.0, 0.0]) == 200.0
     assert normalized([10.0, 10.0], [4.0, 8.0]) == 0.0
     assert normalized([10.0, 14.0], [0.0, 0.0]) == pytest.approx(100.0)
     assert normalized([3.0, 3.0], [0.0, 0.0]) == 200.0
-    assert report(Measurements(episodes))["normalized_return"] is None
+    assert report(*episodes)["normalized_return"] is None
 
 
 def test_bc_loss_balances_the_modes() -> None:
     """Mean squared error over components and states, each mode with the same weight."""
-    agent = np.zeros((5, 2))
-    agent[4] = [0.6, 0.2]  # the only state of its mode: (0.36 + 0.04) / 2
-    held_out = HeldOutActions(
-        seed=np.array([1, 1, 2, 2, 2]),
-        mode=np.array([0, 0, 0, 0, 3]),
-        agent_action=agent,
-        expert_action=np.zeros((5, 2)),
-    )
-    numbers = report(Measurements([written_episode()], held_out=held_out))
+    first = written_episode(2, mode=np.array([0, 0]))
+    second = written_episode(3, mode=np.array([0, 0, 3]))
+    answers = np.zeros((3, 2))
+    answers[2] = [0.6, 0.2]  # the only state of its mode: (0.36 + 0.04) / 2
+    rows = [cloning_row(first, np.zeros((2, 2))), cloning_row(second, answers)]
+    numbers = report(written_episode(), cloning=rows)
     assert numbers["bc_loss"] == pytest.approx(0.2 / 2.0)
 
 
@@ -100,21 +102,17 @@ def test_action_similarity_compares_the_agents_own_action() -> None:
     ones = np.ones((4, 2))
     same = written_episode(agent_action=ones, expert_action=ones, executed_command=0.3 * ones)
     opposite = written_episode(agent_action=-ones, expert_action=ones)
-    assert report(Measurements([same]))["action_similarity"] == 1.0
-    assert report(Measurements([opposite]))["action_similarity"] == 0.0
-    assert report(Measurements([same, opposite]))["action_similarity"] == 0.5
+    assert report(same)["action_similarity"] == 1.0
+    assert report(opposite)["action_similarity"] == 0.0
+    assert report(same, opposite)["action_similarity"] == 0.5
 
 
 def test_ade_is_the_mean_and_fde_the_final_distance() -> None:
     """Distances between two paths, mean over stretches."""
-    still = np.zeros((3, 2))
-    away = np.array([[3.0, 4.0], [6.0, 8.0], [0.0, 0.0]]) / 2.0
-    pairs = [PathPair(0, 1, away, still), PathPair(0, 2, still, still)]
-    numbers = report(Measurements([written_episode()], pairs=pairs))
+    numbers = report(written_episode(), distances=[[2.5, 5.0, 0.0], [0.0, 0.0, 0.0]])
     assert numbers["ade_m"] == pytest.approx(1.25)
     assert numbers["fde_m"] == 0.0
-    far = [PathPair(0, 1, away[::-1][[0, 2, 1]], still)]
-    assert report(Measurements([written_episode()], pairs=far))["fde_m"] == pytest.approx(5.0)
+    assert report(written_episode(), distances=[[2.5, 0.0, 5.0]])["fde_m"] == pytest.approx(5.0)
 
 
 def test_a_violation_of_one_ulp_counts() -> None:
@@ -123,7 +121,7 @@ def test_a_violation_of_one_ulp_counts() -> None:
     commands = np.zeros((4, 2))
     commands[1, 0] = rate
     commands[3, 0] = np.nextafter(rate, 1.0)
-    numbers = report(Measurements([written_episode(executed_command=commands)]))
+    numbers = report(written_episode(executed_command=commands))
     assert numbers["command_violation_rate"] == 0.25
     assert numbers["nominal_violation_rate"] == 0.0
 
@@ -133,7 +131,7 @@ def test_each_source_is_judged_on_the_steps_on_which_it_spoke() -> None:
     entries = np.full((4, 4), -1, np.int8)
     entries[:, 0] = [0, 0, 0, 1]
     entries[2:, 1] = [0, 1]
-    numbers = report(Measurements([written_episode(nominal_violations=entries)]))
+    numbers = report(written_episode(nominal_violations=entries))
     assert numbers["nominal_violation_rate_policy"] == 0.25
     assert numbers["nominal_violation_rate_planner"] == 0.5
     assert numbers["nominal_violation_rate_expert"] is None
@@ -145,21 +143,16 @@ def test_shield_and_planner_rates() -> None:
     executed = nominal.copy()
     executed[0] = [LIMITS.max_steering, 6.0]  # one unit of normalised steering away
     numbers = report(
-        Measurements(
-            [
-                written_episode(
-                    nominal_command=nominal,
-                    executed_command=executed,
-                    projected=np.array([True, False, False, False]),
-                    triggered=np.array([True, True, False, False]),
-                    plans=replace(
-                        plan_log(2),
-                        latency=np.array([0.010, 0.030]),
-                        changed=np.array([True, False]),
-                    ),
-                    shield_time=np.array([1e-3, 1e-3, 1e-3, 5e-3]),
-                )
-            ]
+        written_episode(
+            nominal_command=nominal,
+            executed_command=executed,
+            projected=np.array([True, False, False, False]),
+            triggered=np.array([True, True, False, False]),
+            plans=(
+                logged_plan(latency=0.010, status=Status.PROJECTED),
+                logged_plan(latency=0.030),
+            ),
+            shield_time=np.array([1e-3, 1e-3, 1e-3, 5e-3]),
         )
     )
     assert numbers["intervention_rate"] == 0.5
@@ -188,7 +181,7 @@ def test_comfort_of_a_known_drive() -> None:
         previous_command=previous,
         executed_command=executed,
     )
-    numbers = report(Measurements([episode]))
+    numbers = report(episode)
     assert numbers["comfort_rms_jerk"] == pytest.approx(jerk, rel=1e-6)
     fastest = 5.0 + 0.25 * jerk * (time[-1] ** 2 + time[-2] ** 2)
     assert numbers["comfort_max_lateral_acceleration"] == pytest.approx(turn * fastest, rel=1e-9)
@@ -198,47 +191,54 @@ def test_comfort_of_a_known_drive() -> None:
 def test_no_episodes_is_an_error() -> None:
     """A report about nothing is refused."""
     with pytest.raises(ValueError, match="at least one episode"):
-        report(Measurements([]))
+        report()
 
 
 def test_plans_are_judged_from_the_last_command_on() -> None:
     """A jump from the executed command counts for a plan, and the correction is its removal."""
     step = LIMITS.max_steering_rate * LIMITS.dt
-    plans = plan_log(2)
-    wild = plans.nominal.copy()
-    wild[0, :, 0] = 2.0 * step  # constant: only the first command breaks the rate bound
-    log = replace(plans, nominal=wild)
-    numbers = report(Measurements([written_episode(plans=log)], state_plans=[log, plans]))
+    wild = np.zeros((8, 2))
+    wild[:, 0] = 2.0 * step  # constant: only the first command breaks the rate bound
+    plans = (logged_plan(nominal=wild), logged_plan())
+    numbers = report(written_episode(plans=plans))
     assert numbers["plan_nominal_violation_rate"] == 0.5
     assert numbers["plan_violation_rate"] == 0.0
     assert numbers["plan_correction_norm"] == pytest.approx(step / LIMITS.max_steering)
-    assert numbers["state_plan_nominal_violation_rate"] == 0.25
     assert numbers["plan_diversity_m"] is None
+    assert numbers["state_plan_nominal_violation_rate"] is None
+    logs: list[tuple[LoggedPlan, ...]] = [plans, (logged_plan(), logged_plan())]
+    rows = join_rows(plan_rows(log, LIMITS, "state_") for log in logs)
+    name = "state_plan_nominal_violation_rate"
+    assert STATISTICS[name](rows[name][None])[0] == 0.25
 
 
 def test_energies_leave_fallbacks_out() -> None:
     """Means over the plans that have an energy, before guidance, before projection, after."""
-    energy = np.array([[3.0, 2.0, 1.0], [np.nan] * 3, [5.0, 4.0, 3.0]])
-    log = replace(plan_log(3), energy=energy, fallback=np.array([False, True, False]))
-    numbers = report(Measurements([written_episode(plans=log)]))
+    plans = (
+        logged_plan(energy_unguided=3.0, energy_nominal=2.0, energy=1.0),
+        logged_plan(status=Status.FALLBACK),
+        logged_plan(energy_unguided=5.0, energy_nominal=4.0, energy=3.0),
+    )
+    numbers = report(written_episode(plans=plans))
     assert [numbers[f"plan_energy{part}"] for part in ("_unguided", "_nominal", "")] == [4, 3, 2]
     assert numbers["plan_fallback_rate"] == pytest.approx(1 / 3)
 
 
 def test_diversity_is_the_mean_distance_between_the_ends_of_candidates() -> None:
     """Three candidates straight on at 4, 5 and 7 m/s end 0.8, 1.6 and 2.4 m apart."""
-    candidates = np.zeros((1, 3, 8, 2))
-    candidates[0, :, :, 1] = np.array([[4.0], [5.0], [7.0]])
-    log = replace(plan_log(1), candidates=candidates)
-    numbers = report(Measurements([written_episode(plans=log)]))
-    assert numbers["plan_diversity_m"] == pytest.approx((0.8 + 1.6 + 2.4) / 3)
+    candidates = np.zeros((3, 8, 2))
+    candidates[:, :, 1] = np.array([[4.0], [5.0], [7.0]])
+    plan, expected = logged_plan(candidates=candidates), (0.8 + 1.6 + 2.4) / 3
+    assert report(written_episode(plans=(plan,)))["plan_diversity_m"] == pytest.approx(expected)
+    numbers = report(written_episode(plans=(plan, logged_plan(status=Status.FALLBACK))))
+    assert numbers["plan_diversity_m"] == pytest.approx(expected / 2)
 
 
 def test_rows_of_two_evaluations_can_be_joined() -> None:
     """The statistic of all rows is the number of all episodes."""
     episodes = [written_episode(4), written_episode(8, success=False), written_episode(2)]
-    apart = [metric_rows(Measurements([one]), LIMITS) for one in episodes]
-    numbers = report(Measurements(episodes))
+    apart = [episode_record(episode, LIMITS)["rows"] for episode in episodes]
+    numbers = report(*episodes)
     for name in METRICS:
         rows = np.concatenate([part[name] for part in apart])
         value = float(STATISTICS[name](rows[None])[0])

@@ -10,7 +10,7 @@ from irl_dal.evaluation.agents import ExpertAgent, RandomAgent, StepResult
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, spread_steps
 from irl_dal.loop import ControlLoop, Observation
-from tests.irl_dal.evaluation.small import small_bench, small_config
+from tests.irl_dal.evaluation.small import small_config, small_rig
 
 SEED = 10_007
 
@@ -22,13 +22,13 @@ def arrays(episode: Episode) -> list[np.ndarray]:
 
 def test_the_same_seed_gives_the_same_episode() -> None:
     """Bit by bit, whatever was driven in between; another seed gives another one."""
-    bench = small_bench("random")
+    rig = small_rig("random")
     try:
-        first = bench.drive(SEED)
-        other = bench.drive(SEED + 1)
-        again = bench.drive(SEED)
+        first = rig.drive(SEED)
+        other = rig.drive(SEED + 1)
+        again = rig.drive(SEED)
     finally:
-        bench.close()
+        rig.close()
     for one, two in zip(arrays(first), arrays(again), strict=True):
         np.testing.assert_array_equal(one, two)
     assert not np.array_equal(first.agent_action[:3], other.agent_action[:3])
@@ -36,63 +36,65 @@ def test_the_same_seed_gives_the_same_episode() -> None:
 
 def test_the_watcher_sees_the_reset_and_every_step() -> None:
     """One call more than there are steps."""
-    bench, seen = small_bench("random"), []
+    rig, seen = small_rig("random"), []
     try:
         episode = drive_episode(
-            bench.loop, bench.agent, SEED, lambda observation, info: seen.append(info["pose"])
+            rig.loop, rig.agent, SEED, lambda observation, info: seen.append(info["pose"])
         )
     finally:
-        bench.close()
+        rig.close()
     np.testing.assert_array_equal(np.array(seen), episode.pose)
 
 
 def test_the_expert_agrees_with_itself() -> None:
     """Asked in its own states the expert answers its own labels: the BC loss is exactly 0."""
-    bench = small_bench("expert")
+    rig = small_rig("expert")
     try:
-        episode, answers = bench.probe(SEED)
+        episode, answers = drive_expert(rig.loop, rig.reference, rig.agent, SEED)
+        kept = rig.expert(SEED)
     finally:
-        bench.close()
-    assert len(answers.mode) == episode.steps
-    np.testing.assert_array_equal(answers.agent_action, answers.expert_action)
-    np.testing.assert_array_equal(answers.mode, episode.mode)
+        rig.close()
+    np.testing.assert_array_equal(answers, episode.expert_action)
+    assert sum(kept["cloning"]) == episode.steps  # no error, every state counted
+    assert kept["return"] == episode.total_reward and kept["pose"] == episode.pose.tolist()
 
 
 def test_the_agent_is_asked_without_driving() -> None:
     """A random agent's answers do not change where the expert goes."""
-    bench = small_bench("random")
+    rig = small_rig("random")
     try:
-        with_random, answers = drive_expert(bench.loop, bench.reference, RandomAgent(), SEED)
-        own = bench.loop.supervision
+        with_random, answers = drive_expert(rig.loop, rig.reference, RandomAgent(), SEED)
+        own = rig.loop.supervision
     finally:
-        bench.close()
-    bench = small_bench("expert")
+        rig.close()
+    rig = small_rig("expert")
     try:
-        alone = bench.drive(SEED)
+        alone = rig.drive(SEED)
     finally:
-        bench.close()
+        rig.close()
     np.testing.assert_array_equal(with_random.pose, alone.pose)
-    assert (answers.agent_action != answers.expert_action).any()
-    assert own is not bench.reference
+    assert (answers != alone.expert_action).any()
+    assert own is not rig.reference
 
 
 @pytest.mark.parametrize("step", [0, 1, 17])
 def test_restored_states_are_exact(step: int) -> None:
     """The expert, put into a state of its own episode, drives exactly its own path."""
-    bench = small_bench("expert")
+    rig = small_rig("expert")
     try:
-        expert, _ = bench.probe(SEED)
-        pair = compare_paths(bench.loop, bench.reference, bench.agent, expert, step, 10)
-        assert bench.loop.city.camera_on
+        pose = np.array(rig.expert(SEED)["pose"])[step : step + 11]
+        distances = compare_paths(rig.loop, rig.reference, rig.agent, SEED, step, pose)
+        assert rig.loop.city.camera_on
+        further = compare_paths(rig.loop, rig.reference, rig.agent, SEED, step + 1, pose)
     finally:
-        bench.close()
-    np.testing.assert_array_equal(pair.agent, pair.expert)
-    np.testing.assert_array_equal(pair.expert[0], expert.pose[step + 1, :2])
+        rig.close()
+    np.testing.assert_array_equal(distances, np.zeros(10))
+    assert further.all()
 
 
 def test_a_restored_state_looks_the_same() -> None:
     """What the agent sees there, camera included, is what the expert's drive had shown."""
-    bench, seen, shown = small_bench("expert"), [], []
+    rig, seen, shown = small_rig("expert"), [], []
 
     class Looker(ExpertAgent):
         def act(self, observation: Observation, info: Mapping[str, Any]) -> np.ndarray:
@@ -101,11 +103,11 @@ def test_a_restored_state_looks_the_same() -> None:
 
     try:
         expert = drive_episode(
-            bench.loop, ExpertAgent(), SEED, lambda observation, _: seen.append(observation)
+            rig.loop, ExpertAgent(), SEED, lambda observation, _: seen.append(observation)
         )
-        compare_paths(bench.loop, bench.reference, Looker(), expert, 6, 1)
+        compare_paths(rig.loop, rig.reference, Looker(), SEED, 6, expert.pose[6:8])
     finally:
-        bench.close()
+        rig.close()
     for key, value in seen[6].items():
         np.testing.assert_array_equal(shown[0][key], value)
     assert shown[0]["image"].std() > 1.0
@@ -127,7 +129,10 @@ def test_plans_do_not_depend_on_what_was_compared_before() -> None:
     try:
         expert, _ = drive_expert(loop, reference, agent, SEED)
         paths = [
-            [compare_paths(loop, reference, agent, expert, step, 8).agent for step in order]
+            [
+                compare_paths(loop, reference, agent, SEED, step, expert.pose[step : step + 9])
+                for step in order
+            ]
             for order in ([3, 9], [9, 3])
         ]
     finally:
@@ -139,24 +144,23 @@ def test_plans_do_not_depend_on_what_was_compared_before() -> None:
 
 def test_another_driver_leaves_the_path() -> None:
     """Random actions from the same state end elsewhere."""
-    bench = small_bench("random")
+    rig = small_rig("random")
     try:
-        expert, _ = bench.probe(SEED)
-        pair = compare_paths(bench.loop, bench.reference, bench.agent, expert, 5, 10)
+        pose = np.array(rig.expert(SEED)["pose"])[5:16]
+        distances = compare_paths(rig.loop, rig.reference, rig.agent, SEED, 5, pose)
     finally:
-        bench.close()
-    assert np.linalg.norm(pair.agent[-1] - pair.expert[-1]) > 0.1
+        rig.close()
+    assert distances.shape == (10,) and distances[-1] > 0.1
 
 
-def test_a_state_without_enough_road_behind_it_is_refused() -> None:
-    """The expert's own continuation must be long enough."""
-    bench = small_bench("expert")
+def test_a_state_without_road_behind_it_is_refused() -> None:
+    """The expert's own continuation must have a step."""
+    rig = small_rig("expert")
     try:
-        expert, _ = bench.probe(SEED)
-        with pytest.raises(ValueError, match="`step` must lie in"):
-            compare_paths(bench.loop, bench.reference, bench.agent, expert, expert.steps - 9, 10)
+        with pytest.raises(ValueError, match="`pose` must hold"):
+            compare_paths(rig.loop, rig.reference, rig.agent, SEED, 5, np.zeros((1, 3)))
     finally:
-        bench.close()
+        rig.close()
 
 
 def test_states_are_spread_over_episodes() -> None:

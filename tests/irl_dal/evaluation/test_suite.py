@@ -1,12 +1,20 @@
+import subprocess
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
-from irl_dal.evaluation.references import ReferenceCache
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation import suite
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.suite import evaluate
 from tests.irl_dal.evaluation.small import small_config
+
+
+@pytest.fixture(autouse=True)
+def short_paths(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Paths of a second: the drives take four."""
+    monkeypatch.setattr(suite, "PATH_DURATION", 1.0)
 
 
 def comparable(report: dict[str, object]) -> dict[str, object]:
@@ -39,44 +47,99 @@ def test_the_expert_is_its_own_measure(tmp_path: Path) -> None:
     assert report["latency_plan_p50_ms"] is None and report["latency_threads"] == 1
 
 
+def never(_rig: Rig, seed: int) -> dict[str, object]:
+    """In the place of a drive that must not take place."""
+    raise AssertionError(f"seed {seed} was driven again")
+
+
 def test_references_are_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """A second evaluation reads them from beside the runs and reports the same."""
     config = small_config()
     first = evaluate(config, AgentSpec("random"), tmp_path).report
-
-    def never(_bench: Bench, seed: int) -> float:
-        raise AssertionError(f"seed {seed} was driven again")
-
-    monkeypatch.setattr(Bench, "random_return", never)
+    monkeypatch.setattr(Rig, "random_return", never)
+    monkeypatch.setattr(Rig, "expert_return", never)
     assert comparable(evaluate(config, AgentSpec("random"), tmp_path).report) == comparable(first)
-    faster = replace(config.expert.longitudinal, cruise_speed=7.0)
-    other = replace(config, expert=replace(config.expert, longitudinal=faster))
-    other = replace(other, shield=replace(config.shield, enabled=False))
-    with pytest.raises(AssertionError, match="driven again"):
-        evaluate(other, AgentSpec("random"), tmp_path)
-
-
-def test_another_evaluation_may_lose_what_this_one_remembers(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Two that write at once keep what one of them wrote; neither ends with an error."""
-    kept = evaluate(small_config(), AgentSpec("random"), tmp_path / "kept").report
-    monkeypatch.setattr(ReferenceCache, "add", lambda *_: None)
-    lost = evaluate(small_config(), AgentSpec("random"), tmp_path / "lost").report
-    assert comparable(lost) == comparable(kept)
+    bare = replace(config, shield=replace(config.shield, enabled=False))
+    evaluate(bare, AgentSpec("random"), tmp_path)  # the references always drive under the shield
+    longitudinal = replace(config.expert.longitudinal, cruise_speed=7.0)
+    barrier = replace(config.shield.barrier, enabled=False)
+    for other in (
+        replace(bare, expert=replace(config.expert, longitudinal=longitudinal)),
+        replace(bare, shield=replace(bare.shield, barrier=barrier)),
+    ):
+        with pytest.raises(AssertionError, match="driven again"):
+            evaluate(other, AgentSpec("random"), tmp_path)
 
 
 def test_the_experts_own_drives_are_its_references(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Evaluating the expert drives each of its episodes once."""
-
-    def never(_bench: Bench, seed: int) -> None:
-        raise AssertionError(f"seed {seed} was driven again")
-
-    monkeypatch.setattr(Bench, "probe", never)
-    report = evaluate(small_config(held_out_episodes=0), AgentSpec("expert"), tmp_path).report
+    """Evaluating the expert drives each of its episodes once, also for later evaluations."""
+    monkeypatch.setattr(Rig, "expert", never)
+    monkeypatch.setattr(Rig, "expert_return", never)
+    config = small_config(held_out_episodes=0)
+    report = evaluate(config, AgentSpec("expert"), tmp_path).report
     assert report["normalized_return"] == 200.0 and report["bc_loss"] is None
+    monkeypatch.setattr(Rig, "random_return", never)
+    evaluate(config, AgentSpec("random"), tmp_path)
+
+
+@pytest.mark.parametrize("name", ["unfinished", "references"])
+def test_nothing_need_be_kept(tmp_path: Path, name: str) -> None:
+    """In somebody else's folder the numbers are the same: what is kept is a convenience."""
+    usual = evaluate(small_config(), AgentSpec("random"), tmp_path / "usual").report
+    (tmp_path / "other").mkdir()
+    (tmp_path / "other" / name).touch()
+    assert comparable(usual) == comparable(
+        evaluate(small_config(), AgentSpec("random"), tmp_path / "other").report
+    )
+
+
+def test_an_interrupted_evaluation_goes_on_whatever_another_one_does(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It says what is kept; another one of the same agent that ends meanwhile removes none of it.
+
+    The other one begins and ends, in a process of its own, while the first is interrupted last.
+    """
+    config, drive, driven = small_config(held_out_episodes=0), Rig.episode, []
+    command = (
+        "import sys; from pathlib import Path;"
+        "from irl_dal.evaluation.rig import AgentSpec;"
+        "from irl_dal.evaluation.suite import evaluate;"
+        "from tests.irl_dal.evaluation.small import small_config;"
+        "evaluate(small_config(held_out_episodes=0, episodes=1, first_seed=10_005),"
+        " AgentSpec('random'), Path(sys.argv[1]))"
+    )
+
+    def interrupted(rig: Rig, seed: int) -> dict[str, object]:
+        if driven:
+            subprocess.run([sys.executable, "-c", command, str(tmp_path)], check=True, timeout=120)
+            raise KeyboardInterrupt
+        driven.append(seed)
+        return drive(rig, seed)
+
+    monkeypatch.setattr(Rig, "episode", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="2 results are kept in .*unfinished") as end:
+        evaluate(config, AgentSpec("random"), tmp_path)
+    assert end.value.__suppress_context__
+    monkeypatch.setattr(Rig, "episode", lambda rig, seed: driven.append(seed) or drive(rig, seed))
+    report = evaluate(config, AgentSpec("random"), tmp_path).report
+    assert driven == report["seeds"]
+    assert not (tmp_path / "unfinished").exists()
+
+
+def test_an_interrupted_evaluation_says_if_nothing_is_kept(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Before the first result, or where nothing can be written."""
+
+    def interrupted(_rig: Rig, _seed: int) -> dict[str, object]:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Rig, "episode", interrupted)
+    with pytest.raises(KeyboardInterrupt, match="nothing is kept"):
+        evaluate(small_config(), AgentSpec("random"), tmp_path)
 
 
 def test_a_run_needs_a_folder() -> None:

@@ -3,8 +3,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from irl_dal.evaluation.measurements import Measurements
-from irl_dal.evaluation.metrics import compute_metrics
+from irl_dal.evaluation.metrics import Measurements, compute_metrics, episode_record
 from irl_dal.evaluation.summary import evaluation_table
 from shield import ActuatorLimits
 from tests.irl_dal.evaluation.small import written_episode
@@ -13,7 +12,8 @@ from tests.irl_dal.evaluation.small import written_episode
 def printed(width: int) -> list[str]:
     """The table of two episodes, one successful."""
     episodes = [written_episode(), written_episode(success=False, off_road=True)]
-    report = compute_metrics(Measurements(episodes), ActuatorLimits(), np.random.default_rng(0))
+    records = [episode_record(episode, ActuatorLimits()) for episode in episodes]
+    report = compute_metrics(Measurements(records), np.random.default_rng(0))
     report |= {"latency_threads": 1, "latency_processes": 2}
     console = Console(width=width, record=True, file=io.StringIO())
     console.print(evaluation_table(report, "title"))

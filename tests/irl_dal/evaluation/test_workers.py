@@ -1,22 +1,26 @@
 """Work is spread over processes, and kept if somebody says where."""
 
+import signal
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
-from irl_dal.evaluation.rig import AgentSpec, Bench
-from irl_dal.evaluation.workers import Workers
+from irl_dal.evaluation.rig import AgentSpec, Rig
+from irl_dal.evaluation.workers import Workers, without_interrupts
+from irl_dal.storage.result_store import ResultStore
 from tests.irl_dal.evaluation.small import small_config
 
 
-def note(_bench: Bench, item: tuple[Path, int]) -> int:
+def note(_rig: Rig, item: tuple[Path, int]) -> dict[str, int]:
     """Write down that an item was worked on; the fourth fails until something is fixed."""
     folder, number = item
     with (folder / "log").open("a") as log:
         log.write(f"{number} ")
     if not (folder / "fixed").exists() and number == 4:
         raise RuntimeError("on purpose")
-    return number
+    return {"number": number}
 
 
 @pytest.mark.parametrize("jobs", [1, 2])
@@ -24,15 +28,31 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
     """Results come in the order of their items; an item is worked on until it succeeds."""
     items = [(tmp_path, number) for number in range(1, 5)]
 
-    def work(kept: Path | None) -> list[int]:
-        with Workers(small_config(), AgentSpec("random"), jobs, None, kept) as workers:
-            return workers.map("noting", note, items)
+    store = ResultStore(tmp_path / "kept")
+
+    def work(store: ResultStore) -> list[int]:
+        with Workers(small_config(), AgentSpec("random"), jobs, None) as workers:
+            results = workers.map_kept("noting", note, items, store, lambda item: str(item[1]))
+            return [result["number"] for result in results]
 
     with pytest.raises(RuntimeError, match="on purpose"):
-        work(tmp_path / "kept")
+        work(store)
     (tmp_path / "fixed").touch()
-    assert work(tmp_path / "kept") == [1, 2, 3, 4] == work(tmp_path / "kept")
+    assert work(store) == [1, 2, 3, 4] == work(store)
     seen = (tmp_path / "log").read_text().split()
     assert seen.count("4") == 2 and seen.count("1") == 1
-    assert work(None) == [1, 2, 3, 4]
+    with Workers(small_config(), AgentSpec("random"), jobs, None) as workers:
+        assert [done["number"] for done in workers.map("noting", note, items)] == [1, 2, 3, 4]
     assert (tmp_path / "log").read_text().split().count("1") == 2
+
+
+def test_processes_started_without_interrupts_ignore_them() -> None:
+    """And this one hears them again afterwards."""
+    ignored = "import signal; print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"
+    before = signal.getsignal(signal.SIGINT)
+    answers = []
+    with without_interrupts():
+        answers.append(subprocess.check_output([sys.executable, "-c", ignored], text=True))
+    assert signal.getsignal(signal.SIGINT) is before
+    answers.append(subprocess.check_output([sys.executable, "-c", ignored], text=True))
+    assert [answer.strip() for answer in answers] == ["True", "False"]

@@ -4,7 +4,7 @@ import imageio.v3 as imageio
 import numpy as np
 import pytest
 
-from irl_dal.evaluation.rig import AgentSpec, Bench
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.figures.video import SIZE, DriveFilm
 from tests.irl_dal.evaluation.small import small_config
@@ -14,12 +14,12 @@ from tests.irl_dal.evaluation.small import small_config
 def test_the_film_shows_the_drive(tmp_path: Path, name: str) -> None:
     """One frame per control step up to the wanted duration, of full size, and they differ."""
     path = tmp_path / name
-    bench = Bench.build(small_config(), AgentSpec("expert"), render_mode="rgb_array")
+    rig = Rig.build(small_config(), AgentSpec("expert"), render_mode="rgb_array")
     try:
-        with DriveFilm(path, bench.loop, duration=0.5) as film:
-            drive_episode(bench.loop, bench.agent, 1, film.watch)
+        with DriveFilm(path, rig.loop, duration=0.5) as film:
+            drive_episode(rig.loop, rig.agent, 1, film.watch)
     finally:
-        bench.close()
+        rig.close()
     frames = imageio.imread(path, index=None)
     assert frames.shape[0] == 6 and frames.shape[1:3] == SIZE[::-1]
     assert np.abs(frames[0].astype(float) - frames[-1]).max() > 50.0
@@ -28,15 +28,15 @@ def test_the_film_shows_the_drive(tmp_path: Path, name: str) -> None:
 
 def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
     """No half film under any name."""
-    bench = Bench.build(small_config(), AgentSpec("expert"))
+    rig = Rig.build(small_config(), AgentSpec("expert"))
     try:
         with (
             pytest.raises(RuntimeError, match="stop"),
-            DriveFilm(tmp_path / "drive.mp4", bench.loop, duration=0.5) as film,
+            DriveFilm(tmp_path / "drive.mp4", rig.loop, duration=0.5) as film,
         ):
-            observation, info = bench.loop.reset(seed=1)
+            observation, info = rig.loop.reset(seed=1)
             film.watch(observation, info)
             raise RuntimeError("stop")
     finally:
-        bench.close()
+        rig.close()
     assert list(tmp_path.iterdir()) == []
