@@ -1,7 +1,12 @@
+import contextlib
+import errno
 import json
+import os
 import shutil
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from pathlib import Path
 
