@@ -102,7 +102,7 @@ class CrossingWatch:
         self._tracker = ClusterTracker(
             dt,
             LIDAR_FORWARD,
-            max_width=config.width,
+            width=config.width,
             separation=config.separation,
             memory=config.memory,
         )

@@ -58,7 +58,7 @@ class ClusterTracker:
     Attributes:
         dt: Time between two scans [s].
         mount: From the rear axle to the origin of the points [m].
-        max_width: Clusters at least so wide are not tracked [m].
+        width: Clusters at least so wide are not tracked [m].
         separation: Distance between neighbouring points that ends a cluster [m].
         reach: How far a cluster may move between two scans [m].
         memory: Positions kept of each.
@@ -70,7 +70,7 @@ class ClusterTracker:
 
     dt: float
     mount: float
-    max_width: float = 1.0
+    width: float = 1.0
     separation: float = 0.8
     reach: float = 0.9
     memory: int = 10
@@ -83,7 +83,7 @@ class ClusterTracker:
         check_positive(
             InvalidProblem,
             dt=self.dt,
-            max_width=self.max_width,
+            width=self.width,
             separation=self.separation,
             reach=self.reach,
             memory=self.memory,
@@ -140,7 +140,7 @@ class ClusterTracker:
         jumps = np.hypot(*np.diff(points, axis=0).T) > self.separation
         bounds = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(points)]])
         low, high = bounds[:-1], bounds[1:]
-        narrow = np.hypot(*(points[high - 1] - points[low]).T) < self.max_width
+        narrow = np.hypot(*(points[high - 1] - points[low]).T) < self.width
         return list(zip(low[narrow].tolist(), high[narrow].tolist(), strict=True))
 
     def _track(self, points: Array, low: int, high: int) -> Track:

@@ -148,18 +148,27 @@ class ScanFilter:
             The range [m], at most `max_range`; None when the scan is unusable.
 
         Raises:
-            InvalidProblem: As `clean`.
+            InvalidProblem: As `examine`.
         """
-        clean = self.clean(scan, speed)
-        if not clean.usable:
+        ranges = self.clean(scan, speed)
+        if ranges is None:
             return None
-        width = min(self._window, clean.ranges.size)
-        windows = np.lib.stride_tricks.sliding_window_view(clean.ranges, width)
+        width = min(self._window, ranges.size)
+        windows = np.lib.stride_tricks.sliding_window_view(ranges, width)
         kth = min(self._support, width) - 1
         return float(np.partition(windows, kth, axis=1)[:, kth].min())
 
-    def clean(self, scan: ArrayLike, speed: float | None = None) -> CleanScan:
-        """Return the scan without its defects.
+    def clean(self, scan: ArrayLike, speed: float | None = None) -> Array | None:
+        """Return the ranges of `examine`, None when the scan is unusable.
+
+        Raises:
+            InvalidProblem: As `examine`.
+        """
+        clean = self.examine(scan, speed)
+        return clean.ranges if clean.usable else None
+
+    def examine(self, scan: ArrayLike, speed: float | None = None) -> CleanScan:
+        """Return the scan without its defects, and which beams have them.
 
         Args:
             scan: Ranges [m], shape (n,); infinite or beyond `max_range` where nothing returns, NaN

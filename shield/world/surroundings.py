@@ -88,7 +88,7 @@ class Surroundings:
         self._reach = min(scanner.max_range - 0.5, reach)
         self._angles = scanner.angles
         self._rays = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
-        self._tracker = ClusterTracker(dt, scanner.mount, max_width=MAX_VEHICLE_LENGTH)
+        self._tracker = ClusterTracker(dt, scanner.mount, width=MAX_VEHICLE_LENGTH)
         self._scan_filter = ScanFilter(scanner.max_range)
         self.reset()
 
@@ -126,7 +126,7 @@ class Surroundings:
         self.speed = float(speed) if math.isfinite(speed) else self.speed
         yaw_rate = float(yaw_rate) if math.isfinite(yaw_rate) else 0.0
         motion = _Motion(self.speed, yaw_rate * self._dt, self.scanner.mount, self._dt)
-        clean = self._scan_filter.clean(ranges, self.speed)
+        clean = self._scan_filter.examine(ranges, self.speed)
         unseen = np.full(ranges.shape, clean.frozen) | ~_nearby(clean.working)
         points, pace = self._carry(motion)
         tracks = [motion.carry_track(track) for track in self.pedestrians]

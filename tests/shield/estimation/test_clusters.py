@@ -102,7 +102,7 @@ def test_a_reset_forgets() -> None:
     assert track.sightings == 1
 
 
-@pytest.mark.parametrize("name", ["dt", "max_width", "separation", "reach", "memory"])
+@pytest.mark.parametrize("name", ["dt", "width", "separation", "reach", "memory"])
 def test_what_is_not_positive_is_refused(name: str) -> None:
     """The message names the argument and the value."""
     arguments = {"dt": DT, "mount": FORWARD, name: 0.0}
