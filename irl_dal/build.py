@@ -63,7 +63,6 @@ def supervision(
     """
     return Supervision(
         planner=planner,
-        blend=None if planner is None else planner.blend,
         activation=config.planner.activation,
         without_lane=config.planner.without_lane,
         safety_filter=_safety_filter(config) if config.shield.enabled else None,

@@ -14,22 +14,26 @@ The shield is always there and always last, whatever the source of the command.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.envs import CityEnv, Overlay
-from irl_dal.planner import ActionBlend, Activation, DiffusionPlanner, Plan, PlanningContext
+from irl_dal.planner import Activation, DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
     BarrierConfig,
     Certificate,
     ClearanceTracker,
     CommandBounds,
+    LaneGeometry,
     LaneTracker,
     ObstacleBarrier,
     RiskTrigger,
@@ -37,46 +41,68 @@ from shield import (
     TriggerConfig,
 )
 
+__all__ = ["SOURCES", "ControlLoop", "Info", "Observation", "Supervision"]
+
 Array = NDArray[np.float64]
 Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
 
-CREEP = 2.0
-"""Speed that a stalled car asks of its shield [m/s]: walking pace, fast enough to be under way."""
-
-SOURCES = ("policy", "planner", "blend", "expert")
-"""Where a command can come from before the shield."""
+CREEP_SPEED = 2.0  # [m/s] least speed of a stalled car's command: walking pace, enough to get away
+SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
+TRANSPARENT = (
+    OrderEnforcing,
+    PassiveEnvChecker,
+)  # wrappers of `gymnasium.make` that change nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """Who watches over the nominal action.
+    """What stands between the nominal action and the actuators.
 
     Attributes:
         planner: Proposes a horizon in risky states; None leaves the nominal action alone.
-        blend: Mixes the plan's first action with the nominal one.
         activation: When the planner is asked: on the trigger, always or never.
         without_lane: On the trigger, ask it also where no lane is seen and nothing is near. It
             plans by the lane estimate; the policy has the camera.
         safety_filter: The shield; None lets every command pass (for comparisons only).
         expert_reference: Give the planner the expert's command as a reference (E_expert). The
             expert is there while learning, not in an evaluation.
+
+    Raises:
+        ValueError: `activation` is unknown.
     """
 
     planner: DiffusionPlanner | None = None
-    blend: ActionBlend | None = None
     activation: Activation = "trigger"
-    without_lane: bool = True
+    without_lane: bool = False
     safety_filter: SafetyFilter | None = None
     expert_reference: bool = False
 
     def __post_init__(self) -> None:
+        """Check the activation."""
         if self.activation not in ("trigger", "always", "never"):
             raise ValueError(
                 f"`activation` must be trigger, always or never. Got {self.activation!r}."
             )
-        if (self.planner is None) != (self.blend is None):
-            raise ValueError("`planner` and `blend` come together: give both or neither.")
+
+
+@dataclass(frozen=True, slots=True)
+class _Nominal:
+    """What a step asks for before the shield.
+
+    Attributes:
+        action: Normalised action before blending (2,).
+        command: Command after blending (2,) [rad, m/s].
+        plan: The plan that was blended in, if any.
+        weight: Its weight.
+        violations: Per source (policy, planner, blend, expert), whether its command broke a bound.
+    """
+
+    action: Array
+    command: Array
+    violations: dict[str, bool]
+    plan: Plan | None = None
+    weight: float = 0.0
 
 
 class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any]]):
@@ -95,12 +121,19 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     | bounds | what the surroundings bounded this step to |
     | nominal_violations | per source, whether its command broke a bound before the shield |
 
+    Commands go to the city in physical units, past `step` of anything between the loop and the
+    city. Wrappers belong around the loop, not around the city; those that `gymnasium.make` adds and
+    that change nothing are accepted.
+
     Args:
         env: The city.
         expert: Labels every state.
-        supervision: Who watches over the nominal action.
+        supervision: What stands between the nominal action and the actuators.
         trigger: When a state is risky.
         barrier: How what is around the car bounds the shield's command; None for the limits alone.
+
+    Raises:
+        TypeError: `env` is no city, or a wrapper is around it.
     """
 
     def __init__(
@@ -112,57 +145,72 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         barrier: BarrierConfig | None = None,
     ) -> None:
         super().__init__(env)
-        city = env.unwrapped
-        if not isinstance(city, CityEnv):
-            raise TypeError(f"`env` must be a CityEnv. Got {type(city).__name__}.")
-        self.city: CityEnv = city
-        self.limits: ActuatorLimits = city.limits
+        self.city: CityEnv = _unwrapped(env)
+        self.limits: ActuatorLimits = self.city.limits
         self.supervision = supervision
         self._expert = expert
-        self._clearance = ClearanceTracker(self.limits.dt, max_range=city.config.lidar_range)
+        self._scanner = self.city.config.scanner
+        self._lanes = LaneGeometry()
+        self._clearance = ClearanceTracker(self.limits.dt, self._scanner.max_range)
         self._lane = LaneTracker(self.limits.dt)
-        self._trigger = RiskTrigger(trigger, self.limits.dt)
-        self._centres = trigger.lane_centres
+        self._trigger = RiskTrigger(trigger, self.limits.dt, self._lanes.centres)
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:
-            self._barrier = ObstacleBarrier(barrier, self.limits)
+            self._barrier = ObstacleBarrier(barrier, self.limits, self._scanner)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
-        """Begin an episode; every memory of the last one is gone."""
+        """Begin an episode; every memory of the last one is gone.
+
+        Args:
+            seed: Of the episode: road, traffic, light, noise of the sensors and of the planner.
+            options: As in `CityEnv.reset`.
+        """
         observation, info = self.env.reset(seed=seed, options=options)
         self._previous: Array = np.array([0.0, self.city.config.initial_speed])
-        watch = self.supervision
         for part in (self._clearance, self._lane, self._trigger, self._expert):
             part.reset()
-        if watch.planner is not None and watch.blend is not None:
-            watch.planner.reset()
-            watch.blend.reset()
-        if watch.safety_filter is not None:
-            watch.safety_filter.reset(self._previous)
         if self._barrier is not None:
             self._barrier.reset()
+        self.restart_supervision(seed)
         info.update(self._assess(observation, info))
         return observation, info
+
+    def restart_supervision(self, seed: int | None = None) -> None:
+        """Let planner, blend and shield forget the past, and go on from the last command.
+
+        Args:
+            seed: Of the planner's noise; None leaves its random stream where it is.
+        """
+        planner, shield = self.supervision.planner, self.supervision.safety_filter
+        if planner is not None:
+            if seed is not None:
+                planner.generator.manual_seed(seed)
+            planner.reset()
+            planner.blend.reset()
+        if shield is not None:
+            shield.reset(self._previous)
+
+    @contextmanager
+    def under(self, supervision: Supervision) -> Iterator[None]:
+        """Drive under another supervision for a while."""
+        own, self.supervision = self.supervision, supervision
+        try:
+            yield
+        finally:
+            self.supervision = own
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, Info]:
         """Drive one step from a normalised nominal action (2,)."""
         nominal = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         own = self.limits.to_command(nominal)
-        violations = {"policy": self.limits.violated(own, self._previous)}
+        violations = {"policy": self._is_violated(own)}
         plan, weight, command = self._supervise(own)
         if plan is not None:
-            violations["planner"] = self.limits.violated(plan.actions[0], self._previous)
-            violations["blend"] = self.limits.violated(command, self._previous)
-        record = {
-            "nominal_action": nominal,
-            "plan": plan,
-            "triggered": plan is not None,
-            "blend_weight": weight,
-            "nominal_violations": violations,
-        }
-        return self._execute(command, plan, record)
+            violations["planner"] = self._is_violated(plan.actions[0])
+            violations["blend"] = self._is_violated(command)
+        return self._execute(_Nominal(nominal, command, violations, plan, weight))
 
     def step_expert(
         self, disturbance: Array | None = None
@@ -175,41 +223,43 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         command = self._decision.command
         if disturbance is not None:
             command = np.clip(command + disturbance, self.limits.low, self.limits.high)
-        record = {
-            "nominal_action": self.limits.to_action(command),
-            "plan": None,
-            "triggered": False,
-            "blend_weight": 0.0,
-            "nominal_violations": {"expert": self.limits.violated(command, self._previous)},
-        }
-        return self._execute(command, None, record)
+        violations = {"expert": self._is_violated(command)}
+        return self._execute(_Nominal(self.limits.to_action(command), command, violations))
+
+    def _is_violated(self, command: Array) -> bool:
+        """Whether a command (2,) breaks a bound after the last executed one."""
+        return bool(self.limits.violated(command, self._previous))
 
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
-        """Trigger → plan → blend: the plan, its weight and what is to be executed."""
-        watch = self.supervision
-        if watch.planner is None or watch.blend is None or watch.activation == "never":
+        """Trigger → plan → blend: the plan, its weight and the command (2,) [rad, m/s]."""
+        supervision = self.supervision
+        planner = supervision.planner
+        if planner is None or supervision.activation == "never":
             return None, 0.0, own
-        plan: Plan | None = None
-        weight, command = 0.0, own
-        if watch.activation == "always" or self._planner_can_help():
-            stalled = "stalled" in self._risk.reasons
-            plan = watch.planner.plan(self._context)
-            weight = watch.blend.weight(
-                self._distance.clearance, self._risk.lane_deviation, stalled=stalled
-            )
-            # A plan's first action is one step away, a policy's may be many: of a far one even a
-            # small share holds the wheels at the angle where it pulls as hard as the plan turns.
-            own = watch.planner.project_command(own, self._previous)
-            command = watch.blend.blend(plan.actions[0], own, weight)
-            if stalled and watch.safety_filter is not None:
-                # Plans that begin at rest may stay there; the shield stops what must not go on.
-                going = np.array([command[0], max(command[1], CREEP)])
-                command = watch.planner.project_command(going, self._previous)
-        else:
-            watch.blend.reset()
-        if watch.safety_filter is None:  # with a shield, this is the shield's work
-            command = watch.planner.project_command(command, self._previous)
-        return plan, weight, command
+        if supervision.activation == "trigger" and not self._planner_can_help():
+            planner.blend.reset()
+            return None, 0.0, self._project_without_shield(own)
+        stalled = "stalled" in self._risk.reasons
+        plan = planner.plan(self._context)
+        weight = planner.blend.weight(
+            self._distance.clearance, self._risk.lane_deviation, stalled=stalled
+        )
+        # A plan's first action is one step away, a policy's may be many: of a far one even a
+        # small share holds the wheels at the angle where it pulls as hard as the plan turns.
+        own = planner.project_command(own, self._previous)
+        command = planner.blend.blend(plan.actions[0], own, weight)
+        if stalled and supervision.safety_filter is not None:
+            # Plans that begin at rest may stay there; the shield stops what must not go on.
+            moving = np.array([command[0], max(command[1], CREEP_SPEED)])
+            command = planner.project_command(moving, self._previous)
+        return plan, weight, self._project_without_shield(command)
+
+    def _project_without_shield(self, command: Array) -> Array:
+        """The command within the bounds; with a shield, that is the shield's work."""
+        planner = self.supervision.planner
+        if planner is None or self.supervision.safety_filter is not None:
+            return command
+        return planner.project_command(command, self._previous)
 
     def _planner_can_help(self) -> bool:
         """Whether the state is risky, and something is known that a plan can go by."""
@@ -217,24 +267,27 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
         return risk.risky and (seen or self.supervision.without_lane)
 
-    def _execute(
-        self, command: Array, plan: Plan | None, record: Info
-    ) -> tuple[Observation, float, bool, bool, Info]:
-        """Shield the command, drive it and assess what comes of it."""
+    def _execute(self, nominal: _Nominal) -> tuple[Observation, float, bool, bool, Info]:
+        """Shield the command, drive it and assess the state that follows."""
         certificate: Certificate | None = None
-        executed, bounds, shield = command, CommandBounds(), self.supervision.safety_filter
+        bounds, shield, plan = CommandBounds(), self.supervision.safety_filter, nominal.plan
+        executed = nominal.command
         if shield is not None:
             if self._barrier is not None:
-                bounds = self._barrier.bounds(command, float(self._previous[0]))
+                bounds = self._barrier.bounds(executed, float(self._previous[0]))
             certificate = shield.filter(
-                command, plan=None if plan is None else plan.actions, bounds=bounds
+                executed, plan=None if plan is None else plan.actions, bounds=bounds
             )
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.city.execute(self._previous)
-        info.update(record)
         info.update(
-            nominal_command=command,
+            nominal_action=nominal.action,
+            nominal_command=nominal.command,
+            nominal_violations=nominal.violations,
+            plan=plan,
+            triggered=plan is not None,
+            blend_weight=nominal.weight,
             previous_command=before,
             executed_command=self._previous,
             executed_action=self.limits.to_action(self._previous),
@@ -255,11 +308,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             self._barrier.update(scan, speed, yaw_rate)
         self._risk = self._trigger.update(self._distance, lane, speed)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
-        self.city.overlay = Overlay(
-            self._risk.risky,
-            f"{self._decision.mode.name.lower().replace('_', ' ')}"
-            + (f"   trigger: {', '.join(self._risk.reasons)}" if self._risk.risky else ""),
-        )
+        if self.render_mode is not None:
+            self.city.overlay = self._overlay()
         self._context = PlanningContext(
             scan=scan,
             clearance=self._distance,
@@ -267,7 +317,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             speed=speed,
             previous=self._previous,
             expert_reference=self._reference() if self.supervision.expert_reference else None,
-            lane_centres=self._centres,
+            lane_centres=self._lanes.centres,
         )
         label = self.limits.to_action(self._decision.setpoint)
         return {
@@ -280,8 +330,30 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "context": self._context,
         }
 
+    def _overlay(self) -> Overlay:
+        """The expert's mode and the trigger's reasons, for the rendered view."""
+        text = self._decision.mode.name.lower().replace("_", " ")
+        if self._risk.risky:
+            text += f"   trigger: {', '.join(self._risk.reasons)}"
+        return Overlay(self._risk.risky, text)
+
     def _reference(self) -> Array:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""
         planner = self.supervision.planner
         horizon = 1 if planner is None else planner.config.horizon
         return self._expert.approach(self._decision.setpoint, self._previous, horizon)
+
+
+def _unwrapped(env: gymnasium.Env[Any, Any]) -> CityEnv:
+    """The city inside of wrappers that change nothing."""
+    layer: gymnasium.Env[Any, Any] = env
+    while isinstance(layer, gymnasium.Wrapper):
+        if type(layer) not in TRANSPARENT:
+            raise TypeError(
+                f"`env` is wrapped in {type(layer).__name__}, which the loop would drive past: "
+                "put that wrapper around the loop."
+            )
+        layer = layer.env
+    if not isinstance(layer, CityEnv):
+        raise TypeError(f"`env` must be a CityEnv. Got {type(layer).__name__}.")
+    return layer

@@ -21,7 +21,7 @@ from irl_dal.evaluation.agents import ExpertAgent
 from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.metrics import episode_record, path_rows, plan_rows
 from irl_dal.evaluation.rig import AgentSpec, Rig
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_steps, supervised
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, spread_steps
 from irl_dal.loop import Observation
 from irl_dal.planner import DiffusionPlanner, PlanningContext
 from irl_dal.storage.checkpoint import CheckpointStore
@@ -137,7 +137,7 @@ def risky_contexts(bench: Rig, seed: int) -> tuple[Episode, dict[int, PlanningCo
             contexts[step] = info["context"]
         step += 1
 
-    with supervised(bench.loop, bench.reference):
+    with bench.loop.under(bench.reference):
         episode = drive_episode(bench.loop, ExpertAgent(), seed, watch)
     contexts.pop(episode.steps, None)
     return episode, contexts

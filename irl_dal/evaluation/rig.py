@@ -20,7 +20,7 @@ from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import Agent, ExpertAgent, PolicyAgent, RandomAgent
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.metrics import cloning_row, episode_record
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, supervised
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert
 from irl_dal.loop import ControlLoop, Supervision
 
 __all__ = ["AgentSpec", "PathItem", "PolicyName", "Rig"]
@@ -127,5 +127,5 @@ class Rig:
         self.loop.close()
 
     def _return(self, agent: Agent, seed: int) -> dict[str, Any]:
-        with supervised(self.loop, self.reference):
+        with self.loop.under(self.reference):
             return {"return": drive_episode(self.loop, agent, seed).total_reward}

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,7 +19,6 @@ __all__ = [
     "drive_episode",
     "drive_expert",
     "spread_steps",
-    "supervised",
 ]
 
 Array = NDArray[np.float64]
@@ -29,22 +27,9 @@ Watcher = Callable[[Observation, Mapping[str, Any]], None]
 """Looks at the observation and `info` of the reset and of every step."""
 
 
-@contextmanager
-def supervised(loop: ControlLoop, supervision: Supervision) -> Iterator[None]:
-    """Drive under another supervision meanwhile."""
-    own, loop.supervision = loop.supervision, supervision
-    try:
-        yield
-    finally:
-        loop.supervision = own
-
-
 def begin_episode(loop: ControlLoop, agent: Agent, seed: int) -> tuple[Observation, dict[str, Any]]:
-    """Reset loop, agent and the planner's noise with one seed."""
+    """Reset agent and loop with one seed."""
     agent.reset(seed)
-    planner = loop.supervision.planner
-    if planner is not None:
-        planner.generator.manual_seed(seed)
     return loop.reset(seed=seed)
 
 
@@ -91,7 +76,7 @@ def drive_expert(
     """
     answers: list[Array] = []
     agent.reset(seed)
-    with supervised(loop, reference):
+    with loop.under(reference):
         episode = drive_episode(
             loop, ExpertAgent(), seed, lambda seen, info: answers.append(agent.act(seen, info))
         )
@@ -163,7 +148,7 @@ def _restore(
 ) -> tuple[Observation, dict[str, Any]]:
     """Bring the loop into the state after `step` steps of the expert, under the agent's watch."""
     try:
-        with supervised(loop, reference):
+        with loop.under(reference):
             loop.city.camera_on = step == 0
             observation, info = begin_episode(loop, agent, seed)
             for k in range(step):
@@ -171,11 +156,5 @@ def _restore(
                 observation, _, _, _, info = loop.step_expert()
     finally:
         loop.city.camera_on = True
-    own = loop.supervision
-    if own.planner is not None and own.blend is not None:
-        own.planner.generator.manual_seed(seed)
-        own.planner.reset()
-        own.blend.reset()
-    if own.safety_filter is not None:
-        own.safety_filter.reset(info["context"].previous)
+    loop.restart_supervision(seed)
     return observation, info

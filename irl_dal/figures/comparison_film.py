@@ -51,9 +51,6 @@ class _Drive:
     def begin(cls, bench: Rig, half: _Half, seed: int) -> _Drive:
         """Reset with the same noise as an evaluation's."""
         bench.agent.reset(seed)
-        planner = bench.loop.supervision.planner
-        if planner is not None:
-            planner.generator.manual_seed(seed)
         observation, info = bench.loop.reset(seed=seed)
         return cls(bench, half, EpisodeRecorder(seed, info), observation, info)
 

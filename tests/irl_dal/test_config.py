@@ -207,5 +207,5 @@ def test_every_group_has_its_base_and_a_default() -> None:
     for group in GROUPS:
         assert (Path(CONFIG_FOLDER) / group / "default.yaml").is_file()
     keys = known_keys()
-    assert "shield.trigger.lane_centres" in keys and "planner.blend.base" in keys
+    assert "shield.trigger.stall_time" in keys and "planner.blend.base" in keys
     assert {key.split(".")[0] for key in keys} == {*GROUPS, "seed", "variant", "preset"}

@@ -1,13 +1,28 @@
 """One control step, from the sensors to the actuators."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.wrappers import (
+    OrderEnforcing,
+    PassiveEnvChecker,
+    RecordEpisodeStatistics,
+    TimeLimit,
+    TransformAction,
+    TransformObservation,
+    TransformReward,
+)
 
+from expert import FSMExpert
 from irl_dal.build import build_loop, build_planner, supervision
 from irl_dal.config import RunConfig
+from irl_dal.envs import CITY_ID, CityEnv
+from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import Activation, ProjectionMode
 from shield import BarrierConfig
 
@@ -160,3 +175,87 @@ def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> 
         assert any(alone) == hands_over
         speeds = [info["executed_command"][1] for info in steps]
         assert (max(speeds[20:]) > loop.city.config.initial_speed / 4) == hands_over
+
+
+class OwnWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):
+    """Changes nothing, which the loop cannot know."""
+
+
+WRAPPERS: dict[str, Callable[[CityEnv], gymnasium.Env[Any, Any]]] = {
+    "TimeLimit": lambda city: TimeLimit(city, 5),
+    "TransformAction": lambda city: TransformAction(city, lambda a: -a, city.action_space),
+    "TransformObservation": lambda city: TransformObservation(
+        city, lambda seen: {**seen, "speed": 0.0 * seen["speed"]}, city.observation_space
+    ),
+    "TransformReward": lambda city: TransformReward(city, lambda reward: 2.0 * reward),
+    "RecordEpisodeStatistics": RecordEpisodeStatistics,
+    "OwnWrapper": OwnWrapper,
+}
+
+
+@pytest.mark.parametrize("name", WRAPPERS)
+def test_a_wrapper_around_the_city_is_refused_by_name(straight: RunConfig, name: str) -> None:
+    """The loop hands commands to the city itself; what stands between would not see them."""
+    city = CityEnv(straight.env, straight.limits)
+    for wrapped in (WRAPPERS[name](city), PassiveEnvChecker(WRAPPERS[name](city))):
+        with pytest.raises(TypeError, match=f"wrapped in {name}"):
+            control_loop(straight, wrapped)
+    city.close()
+
+
+def test_the_wrappers_of_make_and_those_around_the_loop_work(straight: RunConfig) -> None:
+    """A time limit around the loop ends the episode after its steps."""
+    made = gymnasium.make(CITY_ID, config=straight.env, limits=straight.limits)
+    assert isinstance(made, OrderEnforcing)
+    loop = TimeLimit(control_loop(straight, made), 3)
+    loop.reset(seed=0)
+    truncated = [bool(loop.step(np.array([0.0, 0.3]))[3]) for _ in range(3)]
+    loop.close()
+    assert truncated == [False, False, True]
+
+
+def test_an_environment_that_is_no_city_is_refused(straight: RunConfig) -> None:
+    """Naming what it is."""
+    with pytest.raises(TypeError, match="CityEnv. Got PendulumEnv"):
+        control_loop(straight, gymnasium.make("Pendulum-v1", disable_env_checker=True).unwrapped)
+
+
+def control_loop(config: RunConfig, env: Any) -> ControlLoop:
+    """A loop around an environment, without a planner."""
+    expert = FSMExpert(config.expert, config.limits)
+    return ControlLoop(env, expert, Supervision(), config.shield.trigger)
+
+
+def test_the_seed_of_a_reset_is_the_planner_s_too(straight: RunConfig) -> None:
+    """Two drives of one seed plan alike, whatever the planner has drawn in between."""
+    config = replace(straight, planner=replace(straight.planner, enabled=True, activation="always"))
+    loop = build_loop(config, supervision(config, build_planner(config)))
+    plans = []
+    for seed in (0, 1, 0):
+        loop.reset(seed=seed)
+        plan = loop.step(np.zeros(2))[-1]["plan"]
+        assert plan is not None
+        plans.append(plan.actions)
+    loop.close()
+    assert np.array_equal(plans[0], plans[2]) and not np.array_equal(plans[0], plans[1])
+
+
+def test_another_supervision_is_only_lent(straight: RunConfig) -> None:
+    """Also when the drive under it fails."""
+    loop = build_loop(straight, supervision(straight, None))
+    own, other = loop.supervision, Supervision()
+    with loop.under(other):
+        assert loop.supervision is other
+    with pytest.raises(RuntimeError), loop.under(other):
+        raise RuntimeError
+    assert loop.supervision is own
+    loop.close()
+
+
+def test_nothing_is_written_into_the_view_unless_it_is_rendered(straight: RunConfig) -> None:
+    """The overlay is for the eye."""
+    for render_mode, written in ((None, False), ("rgb_array", True)):
+        loop = build_loop(straight, supervision(straight, None), render_mode=render_mode)
+        loop.reset(seed=0)
+        assert bool(loop.city.overlay.text) == written
+        loop.close()

@@ -12,6 +12,7 @@ from shield import (
     InvalidLimits,
     InvalidProblem,
     LaneEstimate,
+    LaneGeometry,
     RiskTrigger,
     TriggerConfig,
 )
@@ -94,8 +95,8 @@ def test_no_car_stalls_whose_speed_is_not_known_or_does_not_matter(
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_heading_that_leads_out_of_the_lanes_is_risky(side: float) -> None:
     """Near the centre of an outermost lane or not; a change to the other lane leads nowhere out."""
-    config = TriggerConfig(lane_centres=(0.0, 3.5 * side), hold_time=0.0, preview_time=1.0)
-    trigger = RiskTrigger(config, 0.1)
+    config = TriggerConfig(hold_time=0.0, preview_time=1.0)
+    trigger = RiskTrigger(config, 0.1, (0.0, 3.5 * side))
     out = replace(CENTRED, lateral_offset=3.6 * side, heading_error=0.4 * side)
     inwards = replace(out, heading_error=-0.4 * side)
     across = replace(CENTRED, lateral_offset=0.5 * side, heading_error=0.4 * side)
@@ -108,7 +109,7 @@ def test_a_heading_that_leads_out_of_the_lanes_is_risky(side: float) -> None:
         assert not trigger.update(CLEAR, lane, 4.0).risky
     for speed in (None, math.nan):
         assert not trigger.update(CLEAR, out, speed).risky
-    never = RiskTrigger(replace(config, preview_time=None), 0.1)
+    never = RiskTrigger(replace(config, preview_time=None), 0.1, (0.0, 3.5 * side))
     assert not never.update(CLEAR, out, 4.0).risky
 
 
@@ -136,18 +137,13 @@ def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bo
         ("clearance", math.nan),
         ("clearance", "near"),
         ("sigma_factor", None),
-        ("lane_centres", 3.5),
         ("lane_deviation", -1.0),
-        ("max_age", math.inf),
         ("sigma_factor", -1.0),
         ("clearance_hysteresis", math.nan),
         ("lane_hysteresis", 1.2),
         ("hold_time", -0.1),
-        ("stall_speed", 0.0),
         ("stall_time", -4.0),
         ("preview_time", 0.0),
-        ("lane_centres", ()),
-        ("lane_centres", (0.0, math.nan)),
     ],
 )
 def test_impossible_thresholds_raise(field: str, value: Any) -> None:
@@ -158,5 +154,38 @@ def test_impossible_thresholds_raise(field: str, value: Any) -> None:
         RiskTrigger(QUICK, 0.0)
     with pytest.raises(InvalidLimits, match="`config`.*None"):
         RiskTrigger(None, 0.1)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("centres", [(), (0.0, math.nan), 3.5, ((0.0,),)])
+def test_impossible_lane_centres_raise(centres: Any) -> None:
+    """Naming the argument and its value."""
+    with pytest.raises(InvalidLimits, match="`lane_centres`.*Got"):
+        RiskTrigger(QUICK, 0.1, centres)
     with pytest.raises(InvalidProblem, match="`lane_centres`.*numbers"):
-        TriggerConfig(lane_centres=("left",))  # type: ignore[arg-type]
+        RiskTrigger(QUICK, 0.1, ("left",))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("clearance", (None, CENTRED, 1.0)),
+        ("lane", (CLEAR, None, 1.0)),
+        ("lane", (CLEAR, CLEAR, 1.0)),
+        ("speed", (CLEAR, CENTRED, "1")),
+        ("speed", (CLEAR, CENTRED, [1.0])),
+    ],
+)
+def test_wrong_types_raise(name: str, arguments: Any) -> None:
+    """Naming the argument."""
+    with pytest.raises(InvalidProblem, match=f"`{name}`.*Got"):
+        RiskTrigger(QUICK, 0.1).update(*arguments)
+
+
+def test_wider_lanes_have_other_centres() -> None:
+    """The same offset is near the passing lane's centre, or between the lanes."""
+    lane = replace(CENTRED, lateral_offset=4.9)
+    risks = [
+        RiskTrigger(QUICK, 0.1, LaneGeometry(width).centres).update(CLEAR, lane)
+        for width in (3.5, 5.0)
+    ]
+    assert [risk.risky for risk in risks] == [True, False]

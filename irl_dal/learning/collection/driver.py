@@ -75,9 +75,6 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
         key = (*self._seeds.spawn_key, self._episode)
         rng = np.random.default_rng(np.random.SeedSequence(self._seeds.entropy, spawn_key=key))
         drawn = int(rng.integers(self._config.first_seed, 2**31))
-        planner = self.loop.supervision.planner
-        if planner is not None:
-            planner.generator.manual_seed(int(rng.integers(2**63)))
         self._disturbance = Disturbance(rng, self._config.disturbance_rate)
         self._observation, self._info = self.loop.reset(
             seed=drawn if seed is None else seed, options=options

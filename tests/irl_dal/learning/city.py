@@ -62,7 +62,7 @@ def new_planner(seed: int = 0) -> DiffusionPlanner:
 def new_loop(**supervision: Any) -> ControlLoop:
     """City, expert, small planner, shield."""
     limits, planner = ActuatorLimits(), new_planner()
-    watch = Supervision(planner=planner, blend=planner.blend, safety_filter=SafetyFilter(limits))
+    watch = Supervision(planner=planner, safety_filter=SafetyFilter(limits))
     city = CityEnv(CityConfig(time_limit=6.0), limits)
     expert = FSMExpert(ExpertConfig(), limits)
     return ControlLoop(city, expert, replace(watch, **supervision), TriggerConfig())

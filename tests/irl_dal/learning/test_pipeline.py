@@ -317,7 +317,7 @@ def test_variants_without_planner_or_discriminator_run(tmp_path: Path) -> None:
     config = replace(
         SHORT, imitation_steps=40, mixed_steps=32, sampling="uniform", saec="off", reward=reward
     )
-    drivers = new_drivers(config, planner=None, blend=None)
+    drivers = new_drivers(config, planner=None)
     pipeline = new_pipeline(tmp_path, config, drivers=drivers, planner=False)
     pipeline.run()
     assert pipeline.learners.diffusion is None
