@@ -33,7 +33,6 @@ from shield import (
     Certificate,
     ClearanceTracker,
     CommandBounds,
-    LaneGeometry,
     LaneTracker,
     ObstacleBarrier,
     RiskTrigger,
@@ -150,13 +149,14 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self.supervision = supervision
         self._expert = expert
         self._scanner = self.city.config.scanner
-        self._lanes = LaneGeometry()
         self._clearance = ClearanceTracker(self.limits.dt, self._scanner.max_range)
         self._lane = LaneTracker(self.limits.dt)
-        self._trigger = RiskTrigger(trigger, self.limits.dt, self._lanes.centres)
+        self._trigger = RiskTrigger(trigger, self.limits.dt, self.city.config.lanes.centres)
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:
-            self._barrier = ObstacleBarrier(barrier, self.limits, self._scanner)
+            self._barrier = ObstacleBarrier(
+                barrier, self.limits, self._scanner, self.city.config.vehicle
+            )
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -317,7 +317,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             speed=speed,
             previous=self._previous,
             expert_reference=self._reference() if self.supervision.expert_reference else None,
-            lane_centres=self._lanes.centres,
+            lane_centres=self.city.config.lanes.centres,
         )
         label = self.limits.to_action(self._decision.setpoint)
         return {

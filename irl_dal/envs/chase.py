@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from irl_dal.envs.arrays import Array
-from irl_dal.envs.vehicle import GEOMETRY, VehicleState
+from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, Illumination, World
+from shield import VehicleGeometry
 
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 """Where the camera flies and how far in front of the car it looks [m]."""
@@ -57,6 +58,10 @@ class SceneView(Protocol):
     def angles(self) -> Array:
         """Bearings (beams,) [rad]."""
 
+    @property
+    def geometry(self) -> VehicleGeometry:
+        """Outline of the ego car."""
+
 
 def chase_view(
     world: World,
@@ -93,10 +98,10 @@ def _draw_rays(
     farthest = float(scene.scan.max(initial=0.0))
     hit = scene.scan < max(farthest, 1.0) - 0.5
     hit[np.arange(len(hit)) % EVERY != 0] = False
-    origin = _project(np.array([[GEOMETRY.front_bumper, 0.0, BEAM_HEIGHT]]), size)[0]
+    origin = _project(np.array([[scene.geometry.front_bumper, 0.0, BEAM_HEIGHT]]), size)[0]
     ends = np.stack(
         [
-            GEOMETRY.front_bumper + scene.scan * np.cos(scene.angles),
+            scene.geometry.front_bumper + scene.scan * np.cos(scene.angles),
             scene.scan * np.sin(scene.angles),
             np.full(len(scene.scan), BEAM_HEIGHT),
         ],

@@ -25,9 +25,9 @@ from irl_dal.envs.scenery import PAINT, Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
-from irl_dal.envs.vehicle import GEOMETRY, KinematicVehicle, Vehicle, VehicleState
+from irl_dal.envs.vehicle import KinematicVehicle, Vehicle, VehicleState
 from irl_dal.envs.world import Illumination, World
-from shield import ActuatorLimits, LaneMeasurement
+from shield import ActuatorLimits, LaneMeasurement, VehicleGeometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +40,7 @@ class Scene:
         vehicle: The ego car.
         scan: Noise-free LiDAR ranges (beams,) [m].
         angles: Bearings of the beams (beams,) [rad].
+        geometry: Outline of the ego car.
     """
 
     road: Road
@@ -47,6 +48,7 @@ class Scene:
     vehicle: VehicleState
     scan: Array
     angles: Array
+    geometry: VehicleGeometry
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,12 +189,16 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._world.clear()
         self._road = self._draw_road(layout, options)
         self._scenery = Scenery(self._world, self._road, layout)
-        self._traffic = Traffic(self._world, self._road, DENSITY[config.difficulty], layout)
+        self._traffic = Traffic(
+            self._world, self._road, DENSITY[config.difficulty], layout, config.vehicle
+        )
         self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
         self._lane_sensor = LaneSensor(self._road, config.lane_offset_noise)
         self._lane_camera.reset()
         kind = KinematicVehicle if config.dynamics == "kinematic" else Vehicle
-        self._vehicle = kind(self._world, self.limits.wheelbase, config.faults.servo_rate)
+        self._vehicle = kind(
+            self._world, self.limits.wheelbase, config.faults.servo_rate, config.vehicle
+        )
         x, y, yaw = self._road.pose(0.0, HOME_LANE)
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
@@ -271,6 +277,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             self._state,
             self._scan,
             self._lidar.angles,
+            self.config.vehicle,
         )
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -352,7 +359,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     def _home_gap(self) -> float:
         """Free distance in the home lane, ahead of the bumper or beside the car [m]."""
         gaps = [
-            max(0.0, o.s - 0.5 * o.size[0] - self._at.s - GEOMETRY.front_bumper)
+            max(0.0, o.s - 0.5 * o.size[0] - self._at.s - self.config.vehicle.front_bumper)
             for o in self._traffic.obstacles
             if abs(o.d - HOME_LANE) < 0.5 * LANE_WIDTH and o.s + 0.5 * o.size[0] > self._at.s
         ]

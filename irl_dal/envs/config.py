@@ -5,14 +5,15 @@ from __future__ import annotations
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import Any, Literal
 
 from irl_dal.envs.faults import FaultConfig
 from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.reward import RewardConfig
+from irl_dal.envs.road import LANES
 from irl_dal.envs.track import Track, TrackError
 from irl_dal.envs.traffic import DENSITY
-from shield import ScannerGeometry
+from shield import LaneGeometry, ScannerGeometry, VehicleGeometry
 
 __all__ = ["CityConfig"]
 
@@ -60,11 +61,12 @@ class CityConfig:
         image_size: Edge length of the camera image [px] (Table II).
         image_noise: Standard deviation of a pixel's brightness [1/255].
         lidar_beams: Number of beams over 180 degrees (Table II).
-        lidar_range: [m]
+        lidar_range: Range, and the reading where nothing is hit [m].
         lidar_noise: Standard deviation of a reading [m].
         lidar_dropout: Probability that a beam returns nothing.
         lane_sensor: camera measures in the image, odometry is the truth with noise.
         lane_offset_noise: Standard deviation of the odometry's lateral offset [m].
+        vehicle: Outline of the car, or a mapping of it; its wheelbase is a limit's.
         reward: Weights of the reward terms, or a mapping of them.
         faults: Defects of sensors and actuators, or a mapping of them.
 
@@ -85,17 +87,19 @@ class CityConfig:
     obstacle_sight: float = 25.0
     image_size: int = 64
     image_noise: float = 2.0
-    lidar_beams: int = 180
-    lidar_range: float = 40.0
+    lidar_beams: int = ScannerGeometry().beams
+    lidar_range: float = ScannerGeometry().max_range
     lidar_noise: float = 0.03
     lidar_dropout: float = 0.01
     lane_sensor: Literal["camera", "odometry"] = "camera"
     lane_offset_noise: float = 0.06
+    vehicle: VehicleGeometry = field(default_factory=VehicleGeometry)
     reward: RewardConfig = field(default_factory=RewardConfig)
     faults: FaultConfig = field(default_factory=FaultConfig)
 
     def __post_init__(self) -> None:
         """Take mappings for the nested parts and check every field."""
+        self._nest("vehicle", VehicleGeometry)
         self._nest("reward", RewardConfig)
         self._nest("faults", FaultConfig)
         self._check_choices()
@@ -107,9 +111,16 @@ class CityConfig:
     @property
     def scanner(self) -> ScannerGeometry:
         """The LiDAR's geometry."""
-        return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range)
+        return ScannerGeometry(
+            beams=self.lidar_beams, max_range=self.lidar_range, mount=self.vehicle.front_bumper
+        )
 
-    def _nest(self, name: str, kind: type[RewardConfig] | type[FaultConfig]) -> None:
+    @property
+    def lanes(self) -> LaneGeometry:
+        """The lanes of the car's direction."""
+        return LANES
+
+    def _nest(self, name: str, kind: type[Any]) -> None:
         value = getattr(self, name)
         if isinstance(value, Mapping):
             object.__setattr__(self, name, kind(**value))

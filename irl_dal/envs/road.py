@@ -16,7 +16,10 @@ from shield import LaneGeometry
 SPACING = 0.5
 """Distance between two points of the centre line [m]."""
 
-LANE_WIDTH = LaneGeometry().width
+LANES = LaneGeometry()
+"""Home and passing lane, measured from the home lane's centre."""
+
+LANE_WIDTH = LANES.width
 """[m]"""
 
 LANES_PER_DIRECTION = 2

@@ -15,8 +15,8 @@ import numpy as np
 
 from irl_dal.envs.pedestrian import Crossing, draw_crossing
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
-from irl_dal.envs.vehicle import GEOMETRY
 from irl_dal.envs.world import Colour, World
+from shield import VehicleGeometry
 
 ACTIVE = 85.0
 """Distance from the ego beyond which nothing has a body [m]: the camera sees 75 m."""
@@ -106,6 +106,7 @@ class Traffic:
         road: Road they keep to.
         density: How many of them.
         rng: Source of their places, sizes and speeds.
+        vehicle: Outline of the ego car.
     """
 
     HEADWAY = 1.2
@@ -115,9 +116,15 @@ class Traffic:
     """Free distance at which it stands behind an obstacle [m]."""
 
     def __init__(
-        self, world: World, road: Road, density: TrafficDensity, rng: np.random.Generator
+        self,
+        world: World,
+        road: Road,
+        density: TrafficDensity,
+        rng: np.random.Generator,
+        vehicle: VehicleGeometry,
     ) -> None:
         self._world = world
+        self._vehicle = vehicle
         self._road = road
         own = self._own_lane(density, rng)
         self.obstacles = own + self._pedestrians(density, own, rng) + self._oncoming(density, rng)
@@ -134,7 +141,7 @@ class Traffic:
         """
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
-                gap = obstacle.s - ego.s - GEOMETRY.front_bumper
+                gap = obstacle.s - ego.s - self._vehicle.front_bumper
                 wait = any(self._keeps_waiting(car, obstacle.s) for car in self.obstacles)
                 obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
@@ -163,7 +170,7 @@ class Traffic:
             and other.d > -HALF_WIDTH
         ]
         if way > 0.0 and ego.s > car.s and abs(ego.d - car.d) < 0.75 * LANE_WIDTH:
-            gaps.append(ego.s - GEOMETRY.rear_overhang - car.s - 0.5 * car.size[0])
+            gaps.append(ego.s - self._vehicle.rear_overhang - car.s - 0.5 * car.size[0])
         wanted = abs(car.cruise)
         if gaps:
             wanted = min(wanted, max(0.0, (min(gaps) - self.STANDOFF) / self.HEADWAY))

@@ -17,7 +17,7 @@ WHEELBASE = ActuatorLimits().wheelbase
 """[m], where no other is asked for."""
 
 GEOMETRY = VehicleGeometry()
-"""Outline of the ego car."""
+"""Outline of the car, where no other is asked for."""
 
 TRACK, WHEEL_RADIUS = 1.6, 0.33
 """Of the body in `car.urdf` [m]."""
@@ -70,17 +70,22 @@ class Vehicle:
         world: Physics in which it drives.
         wheelbase: Distance between the axles [m].
         servo_rate: Turning rate of the steering hinges [rad/s].
+        geometry: Outline of the body.
 
     Raises:
         ValueError: The front axle would lie before the bumper.
     """
 
     def __init__(
-        self, world: World, wheelbase: float = WHEELBASE, servo_rate: float = SERVO_RATE
+        self,
+        world: World,
+        wheelbase: float = WHEELBASE,
+        servo_rate: float = SERVO_RATE,
+        geometry: VehicleGeometry = GEOMETRY,
     ) -> None:
-        if wheelbase >= GEOMETRY.front_bumper:
+        if wheelbase >= geometry.front_bumper:
             raise ValueError(
-                f"`wheelbase` must be below {GEOMETRY.front_bumper} m, where the front bumper is. "
+                f"`wheelbase` must be below {geometry.front_bumper} m, where the front bumper is. "
                 f"Got {wheelbase}."
             )
         self._world = world
@@ -92,9 +97,9 @@ class Vehicle:
         self.body = world.car(
             wheelbase=wheelbase,
             centre_of_mass=self._centre,
-            middle=GEOMETRY.front_bumper - 0.5 * GEOMETRY.length,
-            length=GEOMETRY.length,
-            width=GEOMETRY.width,
+            middle=geometry.front_bumper - 0.5 * geometry.length,
+            length=geometry.length,
+            width=geometry.width,
         )
         joints = world.joints(self.body)
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
@@ -190,9 +195,13 @@ class KinematicVehicle(Vehicle):
     """Integration steps in one call of `advance`."""
 
     def __init__(
-        self, world: World, wheelbase: float = WHEELBASE, servo_rate: float = SERVO_RATE
+        self,
+        world: World,
+        wheelbase: float = WHEELBASE,
+        servo_rate: float = SERVO_RATE,
+        geometry: VehicleGeometry = GEOMETRY,
     ) -> None:
-        super().__init__(world, wheelbase, servo_rate)
+        super().__init__(world, wheelbase, servo_rate, geometry)
         self._state = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         self._angle = 0.0
         self._target = 0.0

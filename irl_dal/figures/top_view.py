@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 
 from irl_dal.envs import Scene
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH
-from irl_dal.envs.vehicle import GEOMETRY, VehicleState
+from irl_dal.envs.vehicle import VehicleState
 from irl_dal.figures.style import PALETTE
+from shield import VehicleGeometry
 
 __all__ = ["TopView"]
 
@@ -85,13 +86,13 @@ class TopView:
             outlines[kind].append(_in_view(vehicle, corners))
         for kind, shapes in outlines.items():
             self._shapes[kind].set_verts(shapes)
-        self._shapes["car"].set_verts([_in_view(vehicle, _ego_corners(vehicle))])
+        self._shapes["car"].set_verts([_in_view(vehicle, _ego_corners(vehicle, scene.geometry))])
         self._trail.set_data(*_in_view(vehicle, trail).T)
         self._plan.set_data(*_in_view(vehicle, np.empty((0, 2)) if plan is None else plan).T)
         hit = scene.scan < self._lidar_range
         reach, bearing = scene.scan[hit], scene.angles[hit]
         self._scan.set_data(
-            -reach * np.sin(bearing), GEOMETRY.front_bumper + reach * np.cos(bearing)
+            -reach * np.sin(bearing), scene.geometry.front_bumper + reach * np.cos(bearing)
         )
 
     def _move_road(self, scene: Scene) -> None:
@@ -120,9 +121,9 @@ def _in_view(vehicle: VehicleState, points: Array) -> Array:
     return np.asarray(offset @ np.array([[sin, cos], [-cos, sin]]))
 
 
-def _ego_corners(vehicle: VehicleState) -> Array:
-    rear, front = -GEOMETRY.rear_overhang, GEOMETRY.front_bumper
-    return _corners(vehicle.x, vehicle.y, vehicle.yaw, rear, front, GEOMETRY.width)
+def _ego_corners(vehicle: VehicleState, geometry: VehicleGeometry) -> Array:
+    rear, front = -geometry.rear_overhang, geometry.front_bumper
+    return _corners(vehicle.x, vehicle.y, vehicle.yaw, rear, front, geometry.width)
 
 
 def _corners(x: float, y: float, yaw: float, rear: float, front: float, width: float) -> Array:
