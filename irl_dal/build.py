@@ -48,7 +48,9 @@ def build_planner(config: RunConfig) -> DiffusionPlanner | None:
         return None
     stream = np.random.SeedSequence(config.seed, spawn_key=_PLANNER).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(stream[0] >> 1))
-    return DiffusionPlanner(config.planner, config.limits, generator=generator)
+    return DiffusionPlanner(
+        config.planner, config.limits, generator=generator, solver=config.shield.solver
+    )
 
 
 def supervision(

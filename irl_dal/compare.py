@@ -5,14 +5,16 @@ python -m irl_dal.compare run=DIR [episodes=N] [first_seed=N] [projections=[none
 
 from __future__ import annotations
 
+from irl_dal.cli.preflight import preflight
+
+preflight("drive")
+
 from dataclasses import fields
-from pathlib import Path
 
 from omegaconf import DictConfig, OmegaConf
-from rich.console import Console
 
-from irl_dal.cli.command import run_command
-from irl_dal.cli.overrides import changed, stated, unchanged
+from irl_dal.cli.command import new_console, run_command
+from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
 from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.store import ComparisonStore
@@ -51,7 +53,7 @@ def main() -> None:
 
 def _main(composed: DictConfig) -> None:
     subject = _subject(composed)
-    console = Console()
+    console = new_console()
     report = compare(subject, console)
     write_json(subject.store.report, report)
     for table in comparison_tables(report):
@@ -64,27 +66,28 @@ def _main(composed: DictConfig) -> None:
 
 def _subject(composed: DictConfig) -> Subject:
     """What is compared, and how much of it."""
-    if composed.run is None:
+    run, out = path_argument(composed, "run"), path_argument(composed, "out")
+    if run is None:
         raise ConfigError("run = None: name the folder of a trained run")
     own = {entry.name for entry in fields(ComparisonConfig)} & set(composed)
     values = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(values, dict)
     comparison = parse_comparison({str(key): values[key] for key in own})
     parse(composed)
-    folder = open_run("run", Path(str(composed.run)))
+    folder = open_run("run", run)
     if not folder.config.planner.enabled:
-        raise ConfigError(f"run = {str(composed.run)!r}: was trained without a planner")
+        raise ConfigError(f"run = {str(run)!r}: was trained without a planner")
     settled = []
-    for key, value in stated(composed, OWN_KEYS):
+    for key, value in explicit_overrides(composed, OWN_KEYS):
         if key in COMPARED_KEYS:
             raise ConfigError(f"{key} = {value!r}: this is what the comparison varies")
         if key in FIXED_KEYS:
-            unchanged(key, value, folder.config, f"settled by the training of {folder.path}")
+            require_same(key, value, folder.config, f"settled by the training of {folder.path}")
         else:
             settled.append((key, value))
-    out = folder.path / "comparison" if composed.out is None else Path(str(composed.out))
-    config = changed(folder.config, settled)
-    return Subject(config, folder.path, comparison, ComparisonStore(out))
+    config = apply_overrides(folder.config, settled)
+    store = ComparisonStore(out or folder.path / "comparison")
+    return Subject(config, folder.path, comparison, store)
 
 
 if __name__ == "__main__":

@@ -11,11 +11,12 @@ from __future__ import annotations
 import hashlib
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from difflib import get_close_matches
 from typing import Annotated, Any
 
+import qpsolvers
 from hydra.core.config_store import ConfigStore
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
@@ -34,6 +35,7 @@ __all__ = [
     "RunConfig",
     "ShieldConfig",
     "config_hash",
+    "is_known",
     "known_keys",
     "parse",
     "register",
@@ -43,7 +45,7 @@ __all__ = [
 
 
 class ConfigError(ValueError):
-    """Something that was asked for cannot be; the message is one line naming key and value."""
+    """A configuration or an argument is unusable; the message is one line naming key and value."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +54,7 @@ class ShieldConfig:
 
     Attributes:
         enabled: Whether it stands between the commands and the actuators. Off for comparisons only.
-        solver: Solver of its projections.
+        solver: Of every projection, the shield's and the planner's: osqp, or a name of qpsolvers.
         barrier: Bounds of the command by what is around the car.
         trigger: When a state is risky enough to ask the planner.
     """
@@ -61,6 +63,12 @@ class ShieldConfig:
     solver: str = "osqp"
     barrier: BarrierConfig = field(default_factory=BarrierConfig)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
+
+    def __post_init__(self) -> None:
+        """Refuse a solver that is not installed before anything starts."""
+        known = sorted({"osqp", *qpsolvers.available_solvers})
+        if self.solver not in known:
+            raise ValueError(f"`solver` must be one of {', '.join(known)}. Got {self.solver!r}.")
 
 
 _PLAIN = ("seed", "variant", "preset")
@@ -122,17 +130,21 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
     """Check a composed configuration and freeze it.
 
     Args:
-        composed: Sections as `to_mapping` gives them; interpolations are resolved. Keys beside the
-            sections (what only the command itself reads) are the caller's.
+        composed: Sections as `to_mapping` gives them; interpolations are resolved. Of what Hydra
+            composed, keys beside the sections are the command's own; a plain mapping has none.
 
     Raises:
-        ConfigError: A key is unknown, or a value has the wrong type or cannot be.
+        ConfigError: A key is unknown, or a value has the wrong type or is out of range.
     """
     mapping = _resolve(composed)
-    defaults = to_mapping(RunConfig())
-    mapping = {key: value for key, value in mapping.items() if key in defaults}
+    if isinstance(composed, DictConfig):
+        mapping = {key: value for key, value in mapping.items() if key in (*_PLAIN, *GROUPS)}
+    known = set(known_keys())
     for key, value in _leaves(mapping):
-        _require_known(key, value, defaults)
+        if not is_known(key, known):
+            close = similar_key(key)
+            hint = f"; did you mean {close}?" if close else ""
+            raise ConfigError(f"{key} = {value!r}: there is no such key{hint}")
     try:
         return _RUN_CONFIG.validate_python(mapping)
     except ValidationError as error:
@@ -163,6 +175,12 @@ def known_keys() -> list[str]:
     return [key for key, _ in _leaves(to_mapping(RunConfig()))]
 
 
+def is_known(key: str, known: Collection[str] | None = None) -> bool:
+    """Whether a dotted key is one of a run's configuration, or a section of it."""
+    keys = known_keys() if known is None else known
+    return key in keys or any(other.startswith(f"{key}.") for other in keys)
+
+
 def similar_key(key: str) -> str | None:
     """The known key closest to an unknown one: of the same name in another section first."""
     known = known_keys()
@@ -188,16 +206,6 @@ def _leaves(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
-
-
-def _require_known(key: str, value: Any, defaults: Mapping[str, Any]) -> None:
-    node: Any = defaults
-    for part in key.split("."):
-        if not isinstance(node, Mapping) or part not in node:
-            close = similar_key(key)
-            hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"{key} = {value!r}: there is no such key{hint}")
-        node = node[part]
 
 
 def _first_line(error: ValidationError) -> str:

@@ -6,14 +6,17 @@ python -m irl_dal.evaluate run=DIR | policy=expert|random
 
 from __future__ import annotations
 
+from irl_dal.cli.preflight import preflight
+
+preflight("drive")
+
 from dataclasses import replace
 from pathlib import Path
 
 from omegaconf import DictConfig
-from rich.console import Console
 
-from irl_dal.cli.command import run_command
-from irl_dal.cli.overrides import changed, stated, unchanged
+from irl_dal.cli.command import new_console, run_command
+from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
 from irl_dal.cli.streams import require_writable
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.rig import AgentSpec
@@ -38,11 +41,11 @@ def main() -> None:
 
 def _main(composed: DictConfig) -> None:
     config, spec = _subject(composed)
-    out = None if composed.out is None else Path(str(composed.out))
+    out = path_argument(composed, "out")
     if out is not None:
         require_writable("out", out)
     runs = Path("runs") if spec.run_dir is None else spec.run_dir.parent
-    console = Console()
+    console = new_console()
     report = evaluate(config, spec, runs, console).report
     title = spec.policy if spec.run_dir is None else f"{config.variant}, {spec.run_dir}"
     table = evaluation_table(report, title)
@@ -59,21 +62,22 @@ def _main(composed: DictConfig) -> None:
 
 def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
     """What is evaluated and who drives."""
-    run, policy = composed.run, composed.policy
+    run, policy = path_argument(composed, "run"), composed.policy
     if (run is None) == (policy is None):
-        raise ConfigError(f"run = {run!r}, policy = {policy!r}: give one of the two")
+        raise ConfigError(f"run = {composed.run!r}, policy = {policy!r}: give one of the two")
     config = parse(composed)
     if policy is not None:
         if policy not in ("expert", "random"):
             raise ConfigError(f"policy = {policy!r}: choose one of expert, random")
         return config, AgentSpec(policy)
-    folder = open_run("run", Path(str(run)))
-    values = list(stated(composed, OWN_KEYS))
+    assert run is not None
+    folder = open_run("run", run)
+    values = list(explicit_overrides(composed, OWN_KEYS))
     for key, value in values:
         if key in FIXED_KEYS:
-            unchanged(key, value, folder.config, f"settled by the training of {folder.path}")
+            require_same(key, value, folder.config, f"settled by the training of {folder.path}")
     values = [(key, value) for key, value in values if key not in FIXED_KEYS]
-    theirs = changed(replace(folder.config, evaluation=config.evaluation), values)
+    theirs = apply_overrides(replace(folder.config, evaluation=config.evaluation), values)
     return theirs, AgentSpec("run", folder.path)
 
 

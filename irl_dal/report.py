@@ -5,14 +5,18 @@ python -m irl_dal.report runs=DIR [out=DIR] [page=README.md]
 
 from __future__ import annotations
 
+from irl_dal.cli.preflight import preflight
+
+preflight("drive", "report")
+
 from dataclasses import asdict
 from pathlib import Path
 
 import numpy as np
 from omegaconf import DictConfig
-from rich.console import Console
 
-from irl_dal.cli.command import run_command
+from irl_dal.cli.command import new_console, run_command
+from irl_dal.cli.overrides import path_argument
 from irl_dal.config import ConfigError
 from irl_dal.figures import FigureWithCaption, write_pictures
 from irl_dal.figures.sweep import draw_dynamics, draw_overlay, draw_scores
@@ -32,25 +36,25 @@ def main() -> None:
 
 
 def _main(composed: DictConfig) -> None:
-    if composed.runs is None:
+    runs, out, page = (path_argument(composed, key) for key in ("runs", "out", "page"))
+    if runs is None:
         raise ConfigError("runs = None: name a folder of runs or of results")
-    out = None if composed.out is None else Path(str(composed.out))
     if out is not None and out.is_file():
         raise ConfigError(f"out = {str(out)!r}: is a file")
-    console = Console()
-    collection = collect(Path(str(composed.runs)), console)
+    console = new_console()
+    collection = collect(runs, console)
     for path in collection.unfinished:
         console.print(f"not finished, left out: {path}", soft_wrap=True)
     if not collection.results:
-        raise ConfigError(f"runs = {str(composed.runs)!r}: no run is finished")
+        raise ConfigError(f"runs = {str(runs)!r}: no run is finished")
     rng = np.random.default_rng(int(composed.seed))
     found = numbers(collection, rng)
     for table in printed_tables(collection, found):
         console.print(table)
     for sentence in findings(collection, found):
         console.print(sentence)
-    if composed.page is not None:
-        put_into(Path(str(composed.page)), markdown_table(collection, found))
+    if page is not None:
+        put_into(page, markdown_table(collection, found))
     if out is not None:
         with console.status("drawing"):
             _write(out, collection, found, rng)

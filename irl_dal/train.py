@@ -7,9 +7,12 @@ python -m irl_dal.train -m variant=NAME,NAME seed=0,1 'run_dir=runs/sweep/${vari
 
 from __future__ import annotations
 
+from irl_dal.cli.preflight import preflight
+
+preflight("drive")
+
 from dataclasses import replace
 from datetime import datetime
-from pathlib import Path
 
 from hydra.core.hydra_config import HydraConfig
 from hydra.types import RunMode
@@ -17,8 +20,8 @@ from omegaconf import DictConfig
 from rich.console import Console
 
 from irl_dal.build import build_drivers, build_planner
-from irl_dal.cli.command import run_command
-from irl_dal.cli.overrides import stated, unchanged
+from irl_dal.cli.command import new_console, run_command
+from irl_dal.cli.overrides import as_argument, explicit_overrides, path_argument, require_same
 from irl_dal.cli.threads import GRADIENT_THREADS, one_thread
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.showcase import show_run
@@ -32,9 +35,6 @@ __all__ = ["main"]
 OWN_KEYS = frozenset({"run_dir", "resume"})
 """Keys of this command beside the configuration's."""
 
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as a shell has it."""
-
 
 def main() -> None:
     """Entry point of the command."""
@@ -43,18 +43,18 @@ def main() -> None:
 
 def _main(composed: DictConfig) -> None:
     # The runs of a sweep share a terminal: lines instead of bars that overwrite each other.
-    console = Console(force_terminal=False if _sweeping() else None)
+    console = new_console(force_terminal=False if _sweeping() else None)
     folder = _new(composed) if composed.resume is None else _earlier(composed)
     if composed.resume is None and folder.evaluation.is_file():
-        console.print(f"finished already: {folder.path}")
+        console.print(f"finished already: {folder.path}", soft_wrap=True)
         return
     try:
         with run_lock(folder.path):
             _train(folder, console)
             show_run(folder, console)
     except KeyboardInterrupt:
-        console.print(f"interrupted; go on with resume={folder.path}")
-        raise SystemExit(INTERRUPTED) from None
+        hint = as_argument("resume", str(folder.path))
+        raise KeyboardInterrupt(f"go on with {hint}") from None
 
 
 def _sweeping() -> bool:
@@ -64,8 +64,7 @@ def _sweeping() -> bool:
 def _new(composed: DictConfig) -> RunFolder:
     """A new run, or, in a sweep, the run that the same sweep began before it was interrupted."""
     config = parse(composed)
-    given = composed.run_dir
-    path = default_run_dir(config, datetime.now()) if given is None else Path(str(given))
+    path = path_argument(composed, "run_dir") or default_run_dir(config, datetime.now())
     if _sweeping() and path.exists():
         folder = open_run("run_dir", path)
         if folder.config != config:
@@ -78,13 +77,15 @@ def _earlier(composed: DictConfig) -> RunFolder:
     """The run to go on with; only the extent of its evaluation may be stated anew."""
     if composed.run_dir is not None:
         raise ConfigError(f"run_dir = {composed.run_dir!r}: resume={composed.resume} names it")
-    folder = open_run("resume", Path(str(composed.resume)))
+    resume = path_argument(composed, "resume")
+    assert resume is not None
+    folder = open_run("resume", resume)
     evaluation = folder.config.evaluation
-    for key, value in stated(composed, OWN_KEYS):
+    for key, value in explicit_overrides(composed, OWN_KEYS):
         if key.split(".")[0] == "evaluation":
             evaluation = parse(composed).evaluation
         else:
-            unchanged(key, value, folder.config, f"differs from what {folder.path} began with")
+            require_same(key, value, folder.config, f"differs from what {folder.path} began with")
     return replace(folder, config=replace(folder.config, evaluation=evaluation))
 
 
@@ -107,7 +108,7 @@ def _train(folder: RunFolder, console: Console) -> None:
     try:
         if folder.has_checkpoint:
             pipeline.restore()
-        console.print(f"run folder: {folder.path}")
+        console.print(f"run folder: {folder.path}", soft_wrap=True)
         with one_thread():
             pipeline.run()
     finally:

@@ -11,6 +11,10 @@ python -m irl_dal.bench learning how long gradient steps take on one thread and 
 
 from __future__ import annotations
 
+from irl_dal.cli.preflight import preflight
+
+preflight("drive")
+
 import argparse
 import sys
 from collections import Counter
@@ -28,6 +32,7 @@ from irl_dal.bench.lane import lane_table
 from irl_dal.bench.learning import learning_tables
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import compare_speed, missing_peers, parts_table, speed_table
+from irl_dal.cli.command import new_console, one_line_errors
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError, RunConfig
 from irl_dal.envs import FAULTS, CityConfig
@@ -51,12 +56,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         Exit code: 2 for a mistake in what was asked for.
     """
     asked = _parser().parse_args(arguments)
-    console = Console()
-    try:
-        _bench(asked, console)
-    except (ConfigError, CheckpointError, ValueError) as error:
-        print(f"error: {error}", file=sys.stderr)
-        return 2
+    with one_line_errors():
+        try:
+            _bench(asked, new_console())
+        except (ConfigError, CheckpointError, ValueError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
     return 0
 
 

@@ -1,1 +1,1 @@
-"""Command lines: overrides, errors in one line, threads."""
+"""Command lines: what has to be installed, overrides, errors in one line, threads."""

@@ -1,4 +1,4 @@
-"""What the commands have in common: Hydra composes, mistakes get one line and exit code 2."""
+"""What the commands have in common: Hydra composes, a mistake is one line and exit code 2."""
 
 from __future__ import annotations
 
@@ -6,23 +6,36 @@ import functools
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 import hydra
-from hydra.errors import ConfigCompositionException, HydraException, MissingConfigException
+from hydra.core.hydra_config import HydraConfig
+from hydra.errors import (
+    ConfigCompositionException,
+    HydraException,
+    MissingConfigException,
+    OverrideParseException,
+)
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
+from rich.console import Console
 
+from irl_dal.cli.overrides import as_argument, is_readable
 from irl_dal.cli.streams import replace_unknown_characters
-from irl_dal.config import ConfigError, register, similar_key
+from irl_dal.config import ConfigError, is_known, register, similar_key
 from irl_dal.storage.checkpoint import CheckpointError
 
-__all__ = ["CONFIG_FOLDER", "describe", "run_command"]
+__all__ = ["CONFIG_FOLDER", "describe", "new_console", "one_line_errors", "run_command"]
 
-CONFIG_FOLDER = Path(__file__).resolve().parents[2] / "configs"
-"""Hydra's groups. They lie beside this package in a clone and in an installed wheel alike; an
-absolute path, because `configs` may be another package's name where the command is called from."""
+_PACKAGE = Path(__file__).resolve().parents[1]
+CONFIG_FOLDER = next(
+    (folder for folder in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if folder.is_dir()),
+    _PACKAGE / "configs",
+)
+"""Hydra's groups: inside the package in a wheel, beside it in a clone. An absolute path, because
+`configs` may be another package's name where the command is called from."""
 
 USER_ERROR = 2
 """Exit code of a mistake in what was asked for."""
@@ -36,31 +49,56 @@ Task = Callable[[DictConfig], None]
 def run_command(task: Task, config_name: str) -> None:
     """Compose the configuration from the command line and call `task` with it.
 
-    A wrong configuration, a run folder or a checkpoint that cannot be used end the process with one
-    line on stderr and exit code 2; Ctrl-C ends it with one line and exit code 130. A task says
-    what is kept by raising `KeyboardInterrupt(words)`.
-
     Args:
-        task: The command.
+        task: The command. It may raise KeyboardInterrupt with a line that says how to go on.
         config_name: Its root file in `configs/`.
 
     Raises:
-        SystemExit: After such a mistake.
+        SystemExit: After a mistake, or after Ctrl-C.
     """
-    replace_unknown_characters()
-    register()
     # Hydra then raises what it would otherwise print over many lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
-    entry = hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name=config_name)(
-        _guarded(task)
-    )
+
+    @functools.wraps(task)
+    def run(composed: DictConfig) -> None:
+        with one_line_errors():
+            _refuse_signs(HydraConfig.get().overrides.task)
+            task(composed)
+
+    with one_line_errors():
+        register()
+        folder = str(CONFIG_FOLDER)
+        hydra.main(version_base="1.3", config_path=folder, config_name=config_name)(run)()
+
+
+@contextmanager
+def one_line_errors() -> Iterator[None]:
+    """End the process with one line on stderr where a command cannot do what was asked for.
+
+    What the terminal's encoding cannot show is replaced meanwhile, not an error.
+
+    Raises:
+        SystemExit: Code 2 for an unusable configuration, run folder or checkpoint, 130 for Ctrl-C.
+    """
+    replace_unknown_characters()
     try:
-        entry()
+        yield
+    except (ConfigError, CheckpointError) as error:
+        _fail(str(error))
     except (HydraException, OmegaConfBaseException) as error:
         _fail(describe(error, sys.argv[1:]))
+    except ValueError as error:
+        if not str(error).startswith("Config group override"):  # Hydra's own, of `shield=3`
+            raise
+        _fail(_no_option(sys.argv[1:]))
     except KeyboardInterrupt as error:
         print("; ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
         raise SystemExit(INTERRUPTED) from None
+
+
+def new_console(*, force_terminal: bool | None = None) -> Console:
+    """A console that prints names as they are: `[...]` and `:...:` in a path are no markup."""
+    return Console(markup=False, emoji=False, force_terminal=force_terminal)
 
 
 def describe(error: Exception, arguments: Sequence[str]) -> str:
@@ -73,31 +111,69 @@ def describe(error: Exception, arguments: Sequence[str]) -> str:
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"{group} = {name!r}: choose one of {', '.join(sorted(error.options))}"
+    if isinstance(error, OverrideParseException):
+        return _unreadable(str(error.override))
     text = str(error)
-    found = re.search(r"Could not (?:override|append to config|delete).*?'([^']+)'", text)
-    if isinstance(error, ConfigCompositionException) and found:
-        return _unknown_key(found[1], arguments)
-    return " ".join(text.partition("\nSee https")[0].split())
+    known = re.search(r"(?:Could not append to config.*?'|Multiple values for )([\w./]+)", text)
+    if known:
+        return _already_there(known[1].rstrip("."), arguments)
+    removed = re.search(r"Could not delete.*?'([^']+)'", text)
+    if removed:
+        return f"~{removed[1]}: no key can be removed; switch the part off instead"
+    unknown = re.search(r"Could not override.*?'([^']+)'", text)
+    if isinstance(error, ConfigCompositionException) and unknown:
+        return _unknown_key(unknown[1], arguments)
+    line = " ".join(text.partition("\nSee https")[0].split())
+    node = re.search(r"Interpolation key '([^']+)'", text)
+    where = [argument for argument in arguments if node and node[1] in argument]
+    return f"{where[0]}: {line}" if where else line
 
 
-def _guarded(task: Task) -> Task:
-    """A task whose expected failures end the process with one line."""
+def _refuse_signs(overrides: Sequence[str]) -> None:
+    """Every key that can be stated exists: one that is added or removed is a mistake."""
+    for override in overrides:
+        if override.startswith("~"):
+            raise ConfigError(f"{override}: no key can be removed; switch the part off instead")
+        key = override.lstrip("+").partition("=")[0]
+        if override.startswith("+") and not is_known(key):
+            close = similar_key(key)
+            hint = f"; did you mean {close}?" if close else ""
+            raise ConfigError(f"{override}: a key must exist and is stated without the +{hint}")
 
-    @functools.wraps(task)
-    def run(config: DictConfig) -> None:
-        try:
-            task(config)
-        except (ConfigError, CheckpointError) as error:
-            _fail(str(error))
 
-    return run
+def _unreadable(argument: str) -> str:
+    """An argument that Hydra's grammar refuses: its key, its value and how to quote it."""
+    key, equals, value = argument.partition("=")
+    if not equals or not is_readable(f"{key}=x"):
+        return f"{argument}: an argument has the form key=value"
+    return f"{key} = {value}: this value must be quoted, twice: {as_argument(key, value)}"
+
+
+def _no_option(arguments: Sequence[str]) -> str:
+    """A group for which something else than a name is stated."""
+    for key, _, value in (argument.partition("=") for argument in arguments):
+        if not key:
+            return f"={value}: an argument has the form key=value"
+        options = sorted(file.stem for file in (CONFIG_FOLDER / key).glob("*.yaml"))
+        if options and not is_readable(f"{key}={value}", value):
+            return f"{key} = {value}: choose one of {', '.join(options)}"
+    return "a group's value is one of its names"
+
+
+def _already_there(key: str, arguments: Sequence[str]) -> str:
+    """`+key=value` for a key that exists."""
+    return f"{key} = {_value(key, arguments)}: the key exists, state it without the +"
 
 
 def _unknown_key(key: str, arguments: Sequence[str]) -> str:
-    values = [a.partition("=")[2] for a in arguments if a.lstrip("+~").partition("=")[0] == key]
-    line = f"{key} = {values[-1] if values else '?'}: there is no such key"
+    line = f"{key} = {_value(key, arguments)}: there is no such key"
     close = similar_key(key)
     return f"{line}; did you mean {close}?" if close else line
+
+
+def _value(key: str, arguments: Sequence[str]) -> str:
+    values = [a.partition("=")[2] for a in arguments if a.lstrip("+~").partition("=")[0] == key]
+    return values[-1] if values else "?"
 
 
 def _fail(line: str) -> None:

@@ -1,19 +1,31 @@
-"""What the command line states, against what an earlier run was started with."""
+"""Overrides: what the command line states, against what an earlier run was started with."""
 
 from __future__ import annotations
 
+import re
+import shlex
 from collections.abc import Iterable, Iterator
+from pathlib import Path
 from typing import Any
 
 from hydra.core.hydra_config import HydraConfig
+from hydra.core.override_parser.overrides_parser import OverridesParser
+from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.config import ConfigError, RunConfig, parse, to_mapping
 
-__all__ = ["changed", "stated", "unchanged"]
+__all__ = [
+    "apply_overrides",
+    "as_argument",
+    "explicit_overrides",
+    "is_readable",
+    "path_argument",
+    "require_same",
+]
 
 
-def stated(composed: DictConfig, own: Iterable[str]) -> Iterator[tuple[str, Any]]:
+def explicit_overrides(composed: DictConfig, own: Iterable[str]) -> Iterator[tuple[str, Any]]:
     """Keys and values that the command line states, without the command's own.
 
     Args:
@@ -22,16 +34,16 @@ def stated(composed: DictConfig, own: Iterable[str]) -> Iterator[tuple[str, Any]
     """
     resolved = OmegaConf.create(OmegaConf.to_container(composed, resolve=True))
     for override in HydraConfig.get().overrides.task:
-        key = override.lstrip("+~").partition("=")[0]
+        key = override.lstrip("+").partition("=")[0]
         if key not in own:
             yield key, OmegaConf.select(resolved, key)
 
 
-def changed(config: RunConfig, values: Iterable[tuple[str, Any]]) -> RunConfig:
+def apply_overrides(config: RunConfig, values: Iterable[tuple[str, Any]]) -> RunConfig:
     """A run's configuration with some values replaced.
 
     Raises:
-        ConfigError: The result cannot be.
+        ConfigError: A key is unknown, or a value is out of range.
     """
     mapping = OmegaConf.create(to_mapping(config))
     for key, value in values:
@@ -39,14 +51,14 @@ def changed(config: RunConfig, values: Iterable[tuple[str, Any]]) -> RunConfig:
     return parse(mapping)
 
 
-def unchanged(key: str, value: Any, config: RunConfig, why: str) -> None:
+def require_same(key: str, value: Any, config: RunConfig, why: str) -> None:
     """Refuse a value that differs from a run's.
 
     Args:
         key: What the command line states.
         value: What it states.
         config: The run's configuration.
-        why: End of the complaint.
+        why: End of the message.
 
     Raises:
         ConfigError: It differs.
@@ -55,3 +67,43 @@ def unchanged(key: str, value: Any, config: RunConfig, why: str) -> None:
     if known != value:
         shown = "another configuration" if isinstance(value, DictConfig) else repr(value)
         raise ConfigError(f"{key} = {shown}: {why}")
+
+
+def path_argument(composed: DictConfig, key: str) -> Path | None:
+    """The path under a key, None where none is stated.
+
+    Raises:
+        ConfigError: The value is empty, or Hydra read something else than text: `run_dir=1e3`.
+    """
+    value = composed[key]
+    if value is None:
+        return None
+    if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
+        quoted = as_argument(key, "NAME", force=True)
+        raise ConfigError(f"{key} = {value!r}: must be a path; quote it as {quoted}")
+    return Path(str(value)).expanduser()
+
+
+def as_argument(key: str, value: str, *, force: bool = False) -> str:
+    """`key=value` as it is typed in a shell so that Hydra reads the value as this text.
+
+    Args:
+        key: The key.
+        value: The text.
+        force: Quote it also where there is no need to.
+    """
+    plain = f"{key}={value}"
+    if not force and is_readable(plain, value):
+        return shlex.quote(plain)
+    escaped = value.replace("'", "\\'")
+    argument = f"{key}='{escaped}'"
+    return shlex.quote(argument) if re.search(r'[$`"\\!]', argument) else f'"{argument}"'
+
+
+def is_readable(argument: str, value: str | None = None) -> bool:
+    """Whether Hydra's grammar reads an argument, and reads `value` in it where that is given."""
+    try:
+        override = OverridesParser.create().parse_override(argument)
+    except HydraException:
+        return False
+    return value is None or override.value() == value

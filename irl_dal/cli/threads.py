@@ -1,10 +1,8 @@
 """How many threads torch and numpy compute on.
 
-The matrices of one control step are small. Handing them to a second thread costs more than it
-saves, and two libraries whose idle threads both wait actively slow a drive down to half its speed:
-everything is driven on one thread. A gradient step is large enough for two.
-
-Numbers depend on the count in their last digits, and on nothing else.
+One, wherever something is driven: the matrices of a control step are too small to share, and idle
+threads of two libraries that wait actively halve the speed. A gradient step is large enough for
+two. Numbers depend on the count in their last digits, and on nothing else.
 """
 
 from __future__ import annotations
@@ -18,13 +16,12 @@ from threadpoolctl import threadpool_limits
 __all__ = ["GRADIENT_THREADS", "one_thread", "stay_on_one_thread", "threads"]
 
 GRADIENT_THREADS = min(2, torch.get_num_threads())
-"""Threads of a gradient step: what the process was given by OMP_NUM_THREADS, by the launcher of a
-sweep or by the machine's cores, and two at most."""
+"""Threads of a gradient step: as OMP_NUM_THREADS or the machine's cores say, two at most."""
 
 
 @contextmanager
 def threads(count: int) -> Iterator[None]:
-    """Compute on so many threads meanwhile."""
+    """Compute on this number of threads meanwhile."""
     before = torch.get_num_threads()
     torch.set_num_threads(count)
     try:

@@ -45,6 +45,7 @@ class DiffusionPlanner:
         config: Settings.
         limits: Actuators; they give the units of an action.
         generator: Source of all random numbers: initial weights, training noise, samples.
+        solver: Of its projections, a name that `HorizonProjector` takes.
 
     Attributes:
         denoiser: The network, for optimizers and checkpoints.
@@ -55,7 +56,12 @@ class DiffusionPlanner:
     """
 
     def __init__(
-        self, config: PlannerConfig, limits: ActuatorLimits, *, generator: torch.Generator
+        self,
+        config: PlannerConfig,
+        limits: ActuatorLimits,
+        *,
+        generator: torch.Generator,
+        solver: str = "osqp",
     ) -> None:
         self.config = config
         self.limits = limits
@@ -66,8 +72,8 @@ class DiffusionPlanner:
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
         self._sampler = config.make_sampler()
         allowed = SIMULATED_TIME_DEADLINE if config.deadline is None else 0.5 * config.deadline
-        self._projector = HorizonProjector(limits, config.horizon, deadline=allowed)
-        self._step_projector = HorizonProjector(limits, 1, deadline=allowed)
+        self._projector = HorizonProjector(limits, config.horizon, solver=solver, deadline=allowed)
+        self._step_projector = HorizonProjector(limits, 1, solver=solver, deadline=allowed)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._network: FastDenoiser | None = None

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
 import platform
+import shutil
 import subprocess
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -15,7 +17,7 @@ from typing import Any
 import yaml
 
 from irl_dal.cli.threads import GRADIENT_THREADS
-from irl_dal.config import ConfigError, RunConfig, config_hash, parse, to_mapping
+from irl_dal.config import GROUPS, ConfigError, RunConfig, config_hash, parse, to_mapping
 from irl_dal.shortcuts import in_use
 
 __all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
@@ -78,22 +80,32 @@ def create_run(path: Path, config: RunConfig) -> RunFolder:
     The folder appears complete: a process that is killed meanwhile leaves none.
 
     Raises:
-        ConfigError: The folder exists already.
+        ConfigError: The folder exists already, or it cannot be made.
     """
-    if path.exists():
-        raise ConfigError(f"run_dir = {str(path)!r}: exists already; go on with resume={path}")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    hidden = path.with_name(f".{path.name}.part")
-    hidden.mkdir(exist_ok=True)
+    where = f"run_dir = {str(path)!r}"
+    hidden = path.with_name(f".{path.name[:80]}.{os.getpid()}")
+    try:
+        if path.exists():
+            raise ConfigError(f"{where}: exists already; resume= goes on with it")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        hidden.mkdir()
+        _write_origin(hidden, config)
+        hidden.rename(path)
+    except OSError as error:
+        shutil.rmtree(hidden, ignore_errors=True)
+        raise ConfigError(f"{where}: cannot be made ({error.strerror})") from None
+    return RunFolder(path, config)
+
+
+def _write_origin(folder: Path, config: RunConfig) -> None:
+    """What the run was asked for, and where it comes from."""
     document = yaml.safe_dump(to_mapping(config), sort_keys=False)
-    (hidden / "config.yaml").write_text(document, encoding="utf-8")
+    (folder / "config.yaml").write_text(document, encoding="utf-8")
     started = {"format": RUN_FORMAT, "started": datetime.now().astimezone().isoformat()}
     machine = {"machine": platform.platform(), "gradient_threads": GRADIENT_THREADS}
     shortcuts = {"shortcuts": in_use()}
     text = json.dumps(started | provenance(config) | machine | shortcuts, indent=2)
-    (hidden / "run.json").write_text(text + "\n", encoding="utf-8")
-    hidden.rename(path)
-    return RunFolder(path, config)
+    (folder / "run.json").write_text(text + "\n", encoding="utf-8")
 
 
 def open_run(key: str, path: Path) -> RunFolder:
@@ -107,14 +119,24 @@ def open_run(key: str, path: Path) -> RunFolder:
         ConfigError: It is missing, empty, no run folder, or of another version.
     """
     where = f"{key} = {str(path)!r}"
-    if not path.is_dir():
-        raise ConfigError(f"{where}: there is no such folder")
-    if not any(path.iterdir()):
-        raise ConfigError(f"{where}: the folder is empty")
+    try:
+        if not path.is_dir():
+            raise ConfigError(f"{where}: there is no such folder")
+        if not any(path.iterdir()):
+            raise ConfigError(f"{where}: the folder is empty")
+    except OSError as error:
+        raise ConfigError(f"{where}: cannot be read ({error.strerror})") from None
     found = _read(path / "run.json", json.loads, where).get("format")
     if found != RUN_FORMAT:
         raise ConfigError(f"{where}: run format {found!r}, this version reads {RUN_FORMAT}")
-    return RunFolder(path, parse(_read(path / "config.yaml", yaml.safe_load, where)))
+    mapping = _read(path / "config.yaml", yaml.safe_load, where)
+    for group in GROUPS:
+        if not (isinstance(mapping.get(group), dict) and mapping[group]):
+            raise ConfigError(f"{where}: config.yaml is damaged: {group!r} is no section")
+    try:
+        return RunFolder(path, parse(mapping))
+    except ConfigError as error:
+        raise ConfigError(f"{where}: config.yaml: {error}") from None
 
 
 def provenance(config: RunConfig) -> dict[str, str]:
@@ -127,7 +149,9 @@ def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
         content = load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:
         raise ConfigError(f"{where}: not a run folder, {path.name} is missing") from None
-    except (ValueError, yaml.YAMLError):
+    except OSError as error:
+        raise ConfigError(f"{where}: {path.name} cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError, yaml.YAMLError):
         raise ConfigError(f"{where}: {path.name} is damaged") from None
     if not isinstance(content, Mapping):
         raise ConfigError(f"{where}: {path.name} is damaged")

@@ -1,10 +1,18 @@
-from dataclasses import FrozenInstanceError, fields, replace
+from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from importlib import import_module
+from inspect import signature
 from pathlib import Path
+from pkgutil import walk_packages
+from typing import Any
 
 import pytest
 import yaml
 from hydra import compose, initialize_config_dir
 
+import expert
+import irl_dal
+import shield
+from irl_dal.build import build_planner, supervision
 from irl_dal.cli.command import CONFIG_FOLDER
 from irl_dal.config import (
     GROUPS,
@@ -17,6 +25,10 @@ from irl_dal.config import (
     similar_key,
     to_mapping,
 )
+from shield import HorizonProjector
+
+MAX_FIELDS = 300
+"""Of all dataclasses called ...Config together."""
 
 
 def composed(*overrides: str, command: str = "train") -> RunConfig:
@@ -147,6 +159,8 @@ def test_shared_quantities_are_stated_once() -> None:
         ("+env.lanes=3", ["env.lanes", "3"]),
         ("evaluation.episodes=-1", ["evaluation.episodes", "-1"]),
         ("evaluation.first_seed=-5", ["evaluation.first_seed", "-5"]),
+        ("shield.solver=OSQP", ["shield.solver", "'OSQP'", "osqp"]),
+        ("shield.solver=null", ["shield.solver", "None"]),
         ("env.lidar_range=${nowhere}", ["env.lidar_range", "nowhere"]),
         ("planner.activation=sometimes", ["planner.activation", "'sometimes'"]),
     ],
@@ -175,6 +189,37 @@ def test_an_unknown_key_is_answered_with_the_nearest_known_one(key: str, meant: 
     assert similar_key(key) == meant
     with pytest.raises(ConfigError, match=r"shield\.max_speed = 9: .* mean limits\.max_speed\?"):
         parse({"shield": {"max_speed": 9}})
+
+
+def test_the_configuration_fits_in_two_hundred_fields() -> None:
+    """A number that nobody should turn is a constant beside its code, with unit and reason."""
+    names = set()
+    for package in (irl_dal, expert, shield):
+        for module in walk_packages(package.__path__, f"{package.__name__}."):
+            if module.name.endswith("__main__"):
+                continue
+            for name, kind in vars(import_module(module.name)).items():
+                if name.endswith("Config") and is_dataclass(kind):
+                    names |= {f"{name}.{entry.name}" for entry in fields(kind)}
+    assert len(names) > 100, "the search is broken"
+    assert len(names) <= MAX_FIELDS, sorted(names)
+
+
+def test_the_solver_of_the_shield_is_that_of_every_projector(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """The planner's projections too."""
+    solvers = []
+    build = HorizonProjector.__init__
+
+    def record(self: HorizonProjector, *arguments: Any, **named: Any) -> None:
+        solvers.append(signature(build).bind(self, *arguments, **named).arguments.get("solver"))
+        build(self, *arguments, **named)
+
+    monkeypatch.setattr(HorizonProjector, "__init__", record)
+    config = composed("shield.solver=daqp")
+    supervision(config, build_planner(config))
+    assert len(solvers) >= 3 and set(solvers) == {"daqp"}
 
 
 def test_the_sections_are_the_groups() -> None:

@@ -74,6 +74,39 @@ def test_a_changed_file_in_a_run_folder_is_checked(tmp_path: Path) -> None:
         open_run("run", path)
 
 
+@pytest.mark.parametrize(
+    "content", ["shield:\n", "shield: [1]\nplanner: {}\n", "env: null\n", "learning: {}\n", "- a\n"]
+)
+def test_a_damaged_section_names_the_run(tmp_path: Path, content: str) -> None:
+    """Empty, a list, missing: never the defaults in its place."""
+    path = tmp_path / "one"
+    create_run(path, CONFIG)
+    (path / "config.yaml").write_text(content)
+    with pytest.raises(ConfigError, match="config.yaml is damaged") as caught:
+        open_run("run", path)
+    line = str(caught.value)
+    assert line.startswith(f"run = '{path}'") and "\n" not in line
+
+
+def test_an_unknown_key_or_section_of_a_run_is_refused(tmp_path: Path) -> None:
+    """A version that does not know a key cannot know what the run did with it."""
+    path = tmp_path / "one"
+    create_run(path, CONFIG)
+    text = (path / "config.yaml").read_text()
+    (path / "config.yaml").write_text(text + "supervision:\n  activation: always\n")
+    with pytest.raises(ConfigError, match="one.*supervision.activation.*no such key"):
+        open_run("run", path)
+
+
+def test_a_run_folder_that_cannot_be_made_leaves_nothing(tmp_path: Path) -> None:
+    """Below a file, or with a name that is too long: one line with the key."""
+    (tmp_path / "file").write_text("")
+    for path in (tmp_path / "file" / "R", tmp_path / ("n" * 300)):
+        with pytest.raises(ConfigError, match="run_dir = .*cannot be made"):
+            create_run(path, CONFIG)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
 def test_provenance_is_complete() -> None:
     """Hash, commit and version are there, the commit is one or says that it is unknown."""
     origin = provenance(CONFIG)

@@ -1,0 +1,54 @@
+import ast
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import irl_dal
+from irl_dal.cli.preflight import EXTRAS, preflight
+
+ROOT = Path(irl_dal.__file__).resolve().parents[1]
+
+
+@pytest.mark.parametrize("name", ["expert.py", "shield/__init__.py"])
+@pytest.mark.parametrize("command", ["train", "evaluate", "compare", "report", "bench"])
+def test_a_file_that_hides_a_package_is_named(tmp_path: Path, command: str, name: str) -> None:
+    """`python -m` looks into the working folder first, and our names are everyday ones."""
+    (tmp_path / name).parent.mkdir(exist_ok=True)
+    (tmp_path / name).write_text("x = 1\n")
+    done = subprocess.run(
+        [sys.executable, "-m", f"irl_dal.{command}"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+    )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and str(tmp_path / name) in line and "irl-dal-" in line
+
+
+def test_a_missing_module_is_answered_with_what_brings_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line with pip's, exit code 2."""
+    preflight(*EXTRAS)
+    monkeypatch.setitem(EXTRAS, "drive", ("numpy", "no_such_module"))
+    with pytest.raises(SystemExit) as end:
+        preflight("drive")
+    assert end.value.code == 2
+    line = "error: no_such_module is not installed: pip install 'irl-dal[drive]'\n"
+    assert capsys.readouterr().err == line
+
+
+def test_preflight_needs_only_the_standard_library() -> None:
+    """Else the import of what names the missing module would fail first."""
+    for name in ("__init__.py", "cli/__init__.py", "cli/preflight.py"):
+        tree = ast.parse((ROOT / "irl_dal" / name).read_text())
+        for node in ast.walk(tree):
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                modules = [alias.name for alias in node.names]
+                if isinstance(node, ast.ImportFrom):
+                    modules = [node.module or ""]
+                assert {module.split(".")[0] for module in modules} <= sys.stdlib_module_names
