@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -91,37 +91,31 @@ class Episode:
         return float(self.reward.sum())
 
 
-@dataclass(slots=True)
 class EpisodeRecorder:
     """Collects one episode from the control loop's `info` dictionaries.
 
-    Attributes:
+    Args:
         seed: Seed of the episode.
         first: `info` of the reset.
     """
 
-    seed: int
-    first: Mapping[str, Any]
-    _steps: list[_Step] = field(default_factory=list)
-    _last: Mapping[str, Any] = field(default_factory=dict)
+    def __init__(self, seed: int, first: Mapping[str, Any]) -> None:
+        self._seed = seed
+        self._infos = [first]
+        self._actions: list[Array] = []
+        self._rewards: list[float] = []
 
-    def add(
-        self,
-        before: Mapping[str, Any],
-        agent_action: Array,
-        reward: float,
-        after: Mapping[str, Any],
-    ) -> None:
+    def add(self, agent_action: Array, reward: float, info: Mapping[str, Any]) -> None:
         """Record one step.
 
         Args:
-            before: `info` that came with the observation acted upon.
             agent_action: The agent's own action (2,), normalised.
             reward: Environment reward of the step.
-            after: `info` that the step returned.
+            info: What the step returned.
         """
-        self._steps.append(_Step(before, np.asarray(agent_action, np.float64), reward, after))
-        self._last = after
+        self._actions.append(agent_action)
+        self._rewards.append(reward)
+        self._infos.append(info)
 
     def finish(self) -> Episode:
         """The episode so far.
@@ -129,46 +123,39 @@ class EpisodeRecorder:
         Raises:
             ValueError: If no step was recorded.
         """
-        if not self._steps:
-            raise ValueError(f"`seed` {self.seed}: an episode needs at least one step. Got 0.")
-        after = [step.after for step in self._steps]
-        before = [step.before for step in self._steps]
+        before, after, last = self._infos[:-1], self._infos[1:], self._infos[-1]
+        if not after:
+            raise ValueError(f"`seed` {self._seed}: an episode needs at least one step. Got 0.")
         certificates = [info.get("certificate") for info in after]
-        planned = [info for info in after if info.get("plan") is not None]
+        broken = [info["nominal_violations"] for info in after]
         return Episode(
-            seed=self.seed,
-            success=bool(self._last["success"]),
-            collision=bool(self._last["collision"]),
-            off_road=bool(self._last["off_road"]),
-            reward=np.array([step.reward for step in self._steps], np.float64),
-            pose=_stack([self.first, *after], "pose"),
-            speed=_stack([self.first, *after], "speed").reshape(-1),
+            seed=self._seed,
+            success=bool(last["success"]),
+            collision=bool(last["collision"]),
+            off_road=bool(last["off_road"]),
+            reward=np.array(self._rewards, np.float64),
+            pose=_stack(self._infos, "pose"),
+            speed=_stack(self._infos, "speed").reshape(-1),
             mode=np.array([int(info["mode"]) for info in before], np.int64),
-            agent_action=np.stack([step.agent_action for step in self._steps]),
+            agent_action=np.array(self._actions, np.float64),
             expert_action=_stack(before, "expert_action"),
             previous_command=_stack(after, "previous_command"),
             nominal_command=_stack(after, "nominal_command"),
             executed_command=_stack(after, "executed_command"),
             projected=np.array([c is not None and c.intervened for c in certificates], np.bool_),
             triggered=np.array([info["triggered"] for info in after], np.bool_),
-            nominal_violations=np.stack([_violations(info) for info in after]),
+            nominal_violations=np.array(
+                [[broken.get(source, SILENT) for source in SOURCES] for broken in proposals],
+                np.int8,
+            ),
             shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),
-            plans=tuple(LoggedPlan(info["plan"], info["previous_command"]) for info in planned),
+            plans=tuple(
+                LoggedPlan(info["plan"], info["previous_command"])
+                for info in after
+                if info.get("plan") is not None
+            ),
         )
 
 
-@dataclass(frozen=True, slots=True)
-class _Step:
-    before: Mapping[str, Any]
-    agent_action: Array
-    reward: float
-    after: Mapping[str, Any]
-
-
 def _stack(infos: list[Mapping[str, Any]], key: str) -> Array:
-    return np.stack([np.asarray(info[key], np.float64) for info in infos])
-
-
-def _violations(info: Mapping[str, Any]) -> NDArray[np.int8]:
-    proposals = info["nominal_violations"]
-    return np.array([proposals.get(source, SILENT) for source in SOURCES], np.int8)
+    return np.array([info[key] for info in infos], np.float64)

@@ -149,7 +149,7 @@ def episode_record(episode: Episode, limits: ActuatorLimits) -> dict[str, Any]:
         episode: What was logged.
         limits: The bounds that commands are judged by; its `dt` is the control step.
     """
-    rows = {name: [row(episode, limits)] for name, (row, _) in METRICS.items()}
+    rows = {name: [row(episode, limits)] for name, row in METRICS.items()}
     shield = episode.shield_time[np.isfinite(episode.shield_time)]
     return {
         "seed": episode.seed,
@@ -315,28 +315,27 @@ def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
     return total, float(len(plans))
 
 
-METRICS: dict[str, tuple[_EpisodeRow, Statistic]] = {
-    "success": (_share(lambda e: e.success), ratio),
-    "collision_rate": (_share(lambda e: e.collision), ratio),
-    "off_road_rate": (_share(lambda e: e.off_road), ratio),
-    "timeout_rate": (_share(lambda e: not (e.success or e.collision or e.off_road)), ratio),
-    "collisions_per_1k_steps": (_per_step(lambda e: 1000.0 * e.collision), ratio),
-    "mean_return": (lambda e, _limits: (e.total_reward, 1.0), ratio),
-    "action_similarity": (
-        _per_step(lambda e: (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum()),
-        ratio,
+METRICS: dict[str, _EpisodeRow] = {
+    "success": _share(lambda e: e.success),
+    "collision_rate": _share(lambda e: e.collision),
+    "off_road_rate": _share(lambda e: e.off_road),
+    "timeout_rate": _share(lambda e: not (e.success or e.collision or e.off_road)),
+    "collisions_per_1k_steps": _per_step(lambda e: 1000.0 * e.collision),
+    "mean_return": lambda e, _limits: (e.total_reward, 1.0),
+    "action_similarity": _per_step(
+        lambda e: (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum()
     ),
-    "command_violation_rate": (_violations(lambda e: e.executed_command), ratio),
-    "nominal_violation_rate": (_violations(lambda e: e.nominal_command), ratio),
-    **{f"nominal_violation_rate_{s}": (_source(i), ratio) for i, s in enumerate(SOURCES)},
-    "intervention_rate": (_per_step(lambda e: e.triggered.sum()), ratio),
-    "projection_active_rate": (_per_step(lambda e: e.projected.sum()), ratio),
-    "correction_norm": (_correction, ratio),
-    "comfort_rms_jerk": (_jerk, root_ratio),
-    "comfort_max_lateral_acceleration": (_lateral_acceleration, maximum),
-    "comfort_rms_steering_rate": (_steering_rate, root_ratio),
+    "command_violation_rate": _violations(lambda e: e.executed_command),
+    "nominal_violation_rate": _violations(lambda e: e.nominal_command),
+    **{f"nominal_violation_rate_{source}": _source(i) for i, source in enumerate(SOURCES)},
+    "intervention_rate": _per_step(lambda e: e.triggered.sum()),
+    "projection_active_rate": _per_step(lambda e: e.projected.sum()),
+    "correction_norm": _correction,
+    "comfort_rms_jerk": _jerk,
+    "comfort_max_lateral_acceleration": _lateral_acceleration,
+    "comfort_rms_steering_rate": _steering_rate,
 }
-"""Name -> (row of one episode, statistic of all rows): the metrics that episodes alone decide."""
+"""Name -> row of one episode: the metrics that episodes alone decide."""
 
 PLAN_METRICS: dict[str, _PlanRow] = {
     "plan_projection_rate": _plan_share(lambda plan: plan.status != Status.NOMINAL),
@@ -349,7 +348,7 @@ PLAN_METRICS: dict[str, _PlanRow] = {
     "plan_energy": _plan_energy(lambda plan: plan.energy),
     "plan_diversity_m": _plan_diversity,
 }
-"""Name -> row of one log of plans; the statistic is the ratio."""
+"""Name -> row of the plans of an episode or of a set of states."""
 
 
 def _normalized_return(rows: Array) -> Array:
@@ -362,8 +361,10 @@ def _normalized_return(rows: Array) -> Array:
 
 
 STATISTICS: dict[str, Statistic] = {
-    **{name: statistic for name, (_, statistic) in METRICS.items()},
-    **{f"{prefix}{name}": ratio for prefix in ("", "state_") for name in PLAN_METRICS},
+    **dict.fromkeys([*METRICS, *PLAN_METRICS, *(f"state_{name}" for name in PLAN_METRICS)], ratio),
+    "comfort_rms_jerk": root_ratio,
+    "comfort_max_lateral_acceleration": maximum,
+    "comfort_rms_steering_rate": root_ratio,
     "ade_m": ratio,
     "fde_m": ratio,
     "normalized_return": _normalized_return,

@@ -51,9 +51,8 @@ def drive_episode(
         if watch is not None:
             watch(observation, info)
         action = agent.act(observation, info)
-        observation, reward, terminated, truncated, after = agent.drive(loop, action)
-        recorder.add(info, action, float(reward), after)
-        info = after
+        observation, reward, terminated, truncated, info = agent.drive(loop, action)
+        recorder.add(action, float(reward), info)
         over = terminated or truncated
     if watch is not None:
         watch(observation, info)

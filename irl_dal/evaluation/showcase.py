@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 from rich.console import Console
 
 from irl_dal.cli.threads import one_thread
-from irl_dal.config import RunConfig
 from irl_dal.evaluation.metrics import Measurements
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
@@ -31,36 +28,29 @@ def show_run(folder: RunFolder, console: Console) -> None:
     evaluation = evaluate(config, spec, folder.path.parent, console)
     write_json(folder.evaluation, evaluation.report)
     console.print(evaluation_table(evaluation.report, f"{config.variant}, {folder.path}"))
-    figures = draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
+    written = [folder.evaluation]
+    written += draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
     if config.evaluation.video_duration > 0.0:
         with console.status("filming one drive"):
-            film_drive(config, spec, showcase_seed(evaluation.measurements), folder.video)
-        figures.append(folder.video)
-    for path in (folder.evaluation, *figures):
+            film_drive(folder, showcase_seed(evaluation.measurements))
+        written.append(folder.video)
+    for path in written:
         console.print(f"written to {path}")
 
 
 def showcase_seed(measurements: Measurements) -> int:
     """The episode worth showing: a success if there is one, with the most planner steps."""
-    best = max(
-        measurements.episodes, key=lambda episode: (episode["success"], episode["triggered"])
-    )
+    best = max(measurements.episodes, key=lambda entry: (entry["success"], entry["triggered"]))
     return int(best["seed"])
 
 
-def film_drive(config: RunConfig, spec: AgentSpec, seed: int, path: Path) -> None:
-    """Drive one episode and film it.
-
-    Args:
-        config: Its `evaluation.video_duration` ends the film.
-        spec: Who drives.
-        seed: Of the episode.
-        path: `.mp4` or `.gif`.
-    """
+def film_drive(folder: RunFolder, seed: int) -> None:
+    """Drive one episode of a run and film it."""
+    config = folder.config
     with one_thread():
-        rig = Rig.build(config, spec, render_mode="rgb_array")
+        rig = Rig.build(config, AgentSpec("run", folder.path), render_mode="rgb_array")
         try:
-            with DriveFilm(path, rig.loop, config.evaluation.video_duration) as film:
+            with DriveFilm(folder.video, rig.loop, config.evaluation.video_duration) as film:
                 drive_episode(rig.loop, rig.agent, seed, film.watch)
         finally:
             rig.close()

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
 from irl_dal.evaluation.rig import Rig
-from irl_dal.figures.panels import WINDOW, CommandPlot, FilmFrame
+from irl_dal.figures.panels import CommandPlot, FilmFrame
 from irl_dal.figures.style import PALETTE
 from irl_dal.loop import Observation
 from shield import ActuatorLimits
@@ -60,7 +60,7 @@ class _Drive:
             return
         action = self.bench.agent.act(self.observation, self.info)
         observation, reward, ended, cut, info = self.bench.agent.drive(self.bench.loop, action)
-        self.recorder.add(self.info, action, float(reward), info)
+        self.recorder.add(action, float(reward), info)
         self.observation, self.info, self.over = observation, info, ended or cut
 
     def show(self, limits: ActuatorLimits) -> None:
@@ -81,24 +81,17 @@ class _Half:
         self._title = figure.text(left + 0.012, 0.955, title, fontsize=15, weight="bold")
         self._figure = figure
         self._state = figure.text(left + 0.488, 0.955, "", fontsize=12, ha="right", animated=True)
-        degree = float(np.degrees(1.0))
-        low, high = limits.low, limits.high
         axes: list[Axes] = [
             figure.add_axes((left + offset, 0.085, 0.19, 0.23)) for offset in (0.045, 0.295)
         ]
-        self._plots = [
-            CommandPlot(axes[0], 0, degree, (degree * low[0], degree * high[0]), "steering [°]"),
-            CommandPlot(axes[1], 1, 1.0, (low[1], high[1]), "speed [m/s]"),
-        ]
-        self._plots[1].explain()
+        self._plots = [CommandPlot(place, i, limits) for i, place in enumerate(axes)]
 
     def update(
         self, frames: list[FilmFrame], info: Mapping[str, Any], limits: ActuatorLimits, over: bool
     ) -> None:
         """Show the newest frames and how many commands broke a bound."""
-        recent = frames[-round(WINDOW / limits.dt) - 1 :]
         for plot in self._plots:
-            plot.update(recent)
+            plot.update(frames)
         broken = sum(
             limits.violated(after.executed, before.executed)
             for before, after in zip(frames[:-1], frames[1:], strict=True)

@@ -3,62 +3,26 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
-from numpy.typing import NDArray
 
-from irl_dal.figures.style import PALETTE
+from irl_dal.figures.style import GREY, PALETTE, drawing, picture
 from irl_dal.learning.run_log import read_metrics
 
 __all__ = ["draw_training"]
 
-Array = NDArray[np.float64]
 
-DPI = 130
-
-
-@dataclass(frozen=True, slots=True)
-class _Curve:
-    """A line in a panel.
-
-    Attributes:
-        column: Column of the metrics file.
-        label: Entry of the legend.
-        colour: Key of the palette.
-        style: Line style.
-    """
-
-    column: str
-    label: str
-    colour: str
-    style: str = "-"
-
-
-@dataclass(frozen=True, slots=True)
-class _Panel:
-    """One figure.
-
-    Attributes:
-        name: File name without its ending.
-        title: What it shows.
-        unit: Label of the vertical axis.
-        curves: Its lines.
-        logarithmic: Vertical axis.
-        percent: Fractions shown as percent.
-    """
+class _Panel(NamedTuple):
+    """A figure: its file, title, unit, and lines as (column, legend, key of the palette)."""
 
     name: str
     title: str
     unit: str
-    curves: Sequence[_Curve]
-    logarithmic: bool = False
-    percent: bool = False
+    curves: tuple[tuple[str, str, str], ...]
 
 
 _PANELS = (
@@ -66,27 +30,25 @@ _PANELS = (
         "reward",
         "Environment reward per episode",
         "return, last 20 episodes",
-        (_Curve("rollout/episode_return", "episode return", "ego"),),
+        (("rollout/episode_return", "episode return", "ego"),),
     ),
     _Panel(
         "bc_loss",
         "Behaviour cloning loss",
         "mean squared error",
         (
-            _Curve("bc/train_loss", "training batches", "muted"),
-            _Curve("bc/loss", "held-out episodes, modes balanced", "ego"),
+            ("bc/train_loss", "training batches", "muted"),
+            ("bc/loss", "held-out episodes, modes balanced", "ego"),
         ),
-        logarithmic=True,
     ),
     _Panel(
         "interventions",
         "Interventions",
         "share of steps",
         (
-            _Curve("rollout/shield_rate", "command changed by the shield", "muted"),
-            _Curve("rollout/intervention_rate", "planner triggered", "plan"),
+            ("rollout/shield_rate", "command changed by the shield", "muted"),
+            ("rollout/intervention_rate", "planner triggered", "plan"),
         ),
-        percent=True,
     ),
 )
 
@@ -104,81 +66,40 @@ def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
     """
     rows = read_metrics(metrics)
     folder.mkdir(parents=True, exist_ok=True)
-    written = []
-    for panel in _PANELS:
-        figure = _figure(6.4, 3.6)
-        _draw(figure.add_subplot(), panel, rows, boundary)
-        written.append(_save(figure, folder / f"{panel.name}.png"))
-    figure = _figure(6.4, 8.4)
-    axes = figure.subplots(len(_PANELS), 1, sharex=True)
-    for one, panel in zip(axes, _PANELS, strict=True):
-        _draw(one, panel, rows, boundary)
-    for one in axes[:-1]:
-        one.set_xlabel("")
-    return [*written, _save(figure, folder / "training.png")]
+    groups = {panel.name: (panel,) for panel in _PANELS} | {"training": _PANELS}
+    for name, panels in groups.items():
+        with drawing(6.4, 0.8 + 2.7 * len(panels)) as figure:
+            axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
+            for place, panel in zip(axes, panels, strict=True):
+                _draw(place, panel, rows, boundary)
+            axes[-1].set_xlabel("environment step")
+            picture(figure, str(folder / f"{name}.png"))
+    return [folder / f"{name}.png" for name in groups]
 
 
 def _draw(axes: Axes, panel: _Panel, rows: Sequence[Mapping[str, str]], boundary: int) -> None:
-    positive = False
-    for curve in panel.curves:
-        steps, values = _column(rows, curve.column)
-        positive |= bool((values > 0.0).any())
-        axes.plot(
-            steps,
-            values,
-            curve.style,
-            color=PALETTE[curve.colour],
-            label=curve.label,
-            linewidth=1.8,
-            marker="o" if len(steps) < 3 else None,
-        )
-    axes.set_title(panel.title, loc="left", fontsize=11, pad=16)
+    highest = 0.0
+    for column, label, colour in panel.curves:
+        known = [(row["step"], row[column]) for row in rows if row.get(column)]
+        table = np.array(known, np.float64).reshape(-1, 2)
+        steps, values = table[np.isfinite(table[:, 1])].T
+        highest = max([highest, *values])
+        marker = "o" if len(steps) < 3 else None
+        axes.plot(steps, values, color=PALETTE[colour], label=label, linewidth=1.8, marker=marker)
+    axes.set_title(panel.title, pad=16)
     axes.set_xlim(left=0.0, right=float(rows[-1]["step"]) if rows else None)
-    axes.set(xlabel="environment step", ylabel=panel.unit)
+    axes.set_ylabel(panel.unit)
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    if panel.logarithmic and positive:
+    if panel.name == "bc_loss" and highest > 0.0:
         axes.set_yscale("log")
-    if panel.percent:
+    if panel.name == "interventions":
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
-    axes.grid(alpha=0.3, linewidth=0.6)
-    axes.spines[["top", "right"]].set_visible(False)
-    _mark_phases(axes, boundary)
     if len(panel.curves) > 1:
-        axes.legend(frameon=False, fontsize=8)
-
-
-def _mark_phases(axes: Axes, boundary: int) -> None:
-    """A line between the phases and their names beside it, above the curves."""
-    axes.axvline(boundary, color="black", linewidth=1.0, linestyle="--")
-    place = axes.get_xaxis_transform()
+        axes.legend()
+    axes.axvline(boundary, color=GREY, linewidth=1.0, linestyle="--")
     for name, side, shift in (("imitation", "right", -4), ("mixed", "left", 4)):
         axes.annotate(
-            name,
-            (boundary, 1.0),
-            xycoords=place,
-            xytext=(shift, 3),
-            textcoords="offset points",
-            ha=side,
-            fontsize=8,
-            color=PALETTE["text"],
-        )
-
-
-def _column(rows: Sequence[Mapping[str, str]], name: str) -> tuple[Array, Array]:
-    """Steps and values of the rows that have a finite value in a column."""
-    pairs = [(float(row["step"]), float(row[name])) for row in rows if row.get(name)]
-    table = np.array(pairs, np.float64).reshape(-1, 2)
-    table = table[np.isfinite(table[:, 1])]
-    return table[:, 0], table[:, 1]
-
-
-def _figure(width: float, height: float) -> Figure:
-    figure = Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
-
-
-def _save(figure: Figure, path: Path) -> Path:
-    figure.savefig(path)
-    return path
+            name, (boundary, 1.0), (shift, 3), xycoords=axes.get_xaxis_transform(),
+            textcoords="offset points", ha=side, fontsize=8, color=PALETTE["text"],
+        )  # fmt: skip

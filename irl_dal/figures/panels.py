@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from expert import Mode
 from irl_dal.figures.style import PALETTE
+from shield import ActuatorLimits
 
 __all__ = ["CommandPlot", "FilmFrame", "StatusPanel"]
 
@@ -59,100 +60,85 @@ class CommandPlot:
 
     Args:
         axes: Where to draw.
-        component: 0 steering, 1 speed.
-        scale: From the command's unit to the plot's.
-        bounds: Lowest and highest command, in the plot's unit.
-        title: Quantity and unit.
+        component: 0 steering, shown in degrees; 1 speed.
+        limits: Give the bounds and the control step.
     """
 
-    def __init__(
-        self,
-        axes: Axes,
-        component: int,
-        scale: float,
-        bounds: tuple[float, float],
-        title: str,
-    ) -> None:
+    def __init__(self, axes: Axes, component: int, limits: ActuatorLimits) -> None:
         self._axes = axes
         self._component = component
-        self._scale = scale
-        margin = 0.08 * (bounds[1] - bounds[0])
-        self._low, self._high = bounds[0] - margin, bounds[1] + margin
-        axes.set(ylim=(self._low, self._high), xlim=(-WINDOW, 0.0), xlabel="time before now [s]")
-        axes.set_title(title, loc="left", fontsize=11)
-        for bound in bounds:
+        self._scale = (float(np.degrees(1.0)), 1.0)[component]
+        self._shown = round(WINDOW / limits.dt) + 1
+        low, high = self._scale * limits.low[component], self._scale * limits.high[component]
+        margin = 0.08 * (high - low)
+        self._span = (low - margin, high + margin)
+        axes.set(ylim=self._span, xlim=(-WINDOW, 0.0), xlabel="time before now [s]")
+        axes.set_title(("steering [°]", "speed [m/s]")[component], loc="left", fontsize=11)
+        for bound in (low, high):
             axes.axhline(bound, color="black", linewidth=0.8, linestyle="--")
-        (self._nominal,) = axes.plot([], [], color=PALETTE["muted"], linewidth=1.2, animated=True)
-        (self._executed,) = axes.plot([], [], color=PALETTE["ego"], linewidth=1.8, animated=True)
+        (self._nominal,) = axes.plot(
+            [], [], color=PALETTE["muted"], lw=1.2, animated=True, label="before the shield"
+        )
+        (self._executed,) = axes.plot(
+            [], [], color=PALETTE["ego"], lw=1.8, animated=True, label="executed"
+        )
         self._tint = axes.fill_between([], [], [])
+        if component == 1:
+            on = Patch(color=PALETTE["plan"], alpha=0.15, label="planner on")
+            handles = [self._nominal, self._executed, on]
+            axes.legend(handles=handles, loc="lower left", fontsize=7, framealpha=0.8)
 
     @property
     def artists(self) -> list[Artist]:
         """What has to be drawn, from the back to the front."""
         return [self._tint, self._nominal, self._executed]
 
-    def explain(self) -> None:
-        """Add a legend."""
-        self._nominal.set_label("before the shield")
-        self._executed.set_label("executed")
-        on = Patch(color=PALETTE["plan"], alpha=0.15, label="planner on")
-        handles = [self._nominal, self._executed, on]
-        self._axes.legend(handles=handles, loc="lower left", fontsize=7, framealpha=0.8)
-
     def update(self, frames: Sequence[FilmFrame]) -> None:
         """Show the newest frames."""
-        time = np.array([frame.time for frame in frames]) - frames[-1].time
+        shown = frames[-self._shown :]
+        time = np.array([frame.time for frame in shown]) - shown[-1].time
         for line, commands in (
-            (self._nominal, [frame.nominal for frame in frames]),
-            (self._executed, [frame.executed for frame in frames]),
+            (self._nominal, [frame.nominal for frame in shown]),
+            (self._executed, [frame.executed for frame in shown]),
         ):
             line.set_data(time, self._scale * np.array(commands)[:, self._component])
         self._tint.remove()
-        on = [frame.triggered for frame in frames]
         self._tint = self._axes.fill_between(
-            time, self._low, self._high, where=on, color=PALETTE["plan"], alpha=0.15, linewidth=0.0,
-            animated=True,
+            time, *self._span, where=[frame.triggered for frame in shown], color=PALETTE["plan"],
+            alpha=0.15, linewidth=0.0, animated=True,
         )  # fmt: skip
 
 
 class StatusPanel:
-    """A small table of what is going on.
+    """What is going on, in seven lines.
 
     Args:
         axes: Where to write.
     """
 
-    ROWS = ("time", "speed", "clearance", "expert's mode", "risk", "planner", "shield")
-
     def __init__(self, axes: Axes) -> None:
         axes.set_axis_off()
-        self._values = {}
-        for row, name in enumerate(self.ROWS):
-            height = 1.0 - (row + 0.5) / len(self.ROWS)
-            axes.text(0.0, height, name, fontsize=9, va="center", color=PALETTE["text"])
-            self._values[name] = axes.text(
-                0.36, height, "", fontsize=9, va="center", weight="bold", animated=True
-            )
+        self._text = axes.text(
+            0.0, 1.0, "", fontsize=9, va="top", linespacing=1.5, family="monospace", animated=True
+        )
 
     @property
     def artists(self) -> list[Artist]:
         """What has to be drawn."""
-        return list(self._values.values())
+        return [self._text]
 
     def update(self, frame: FilmFrame, info: Mapping[str, Any]) -> None:
-        """Write down the newest frame."""
+        """Write down the newest frame, in the planner's colour where the state is risky."""
         risk, certificate = info["risk"], info.get("certificate")
-        weight = info.get("blend_weight", 0.0)
-        texts = {
+        lines = {
             "time": f"{frame.time:.1f} s",
             "speed": f"{float(info['speed']):.1f} m/s",
             "clearance": f"{float(info['clearance']):.1f} m",
-            "expert's mode": Mode(info["mode"]).name.replace("_", " ").lower(),
-            "risk": ", ".join(risk.reasons).replace("_", " ") if risk.risky else "none",
-            "planner": f"on, weight {weight:.2f}" if frame.triggered else "off",
+            "expert": Mode(info["mode"]).name.lower(),
+            "risk": ", ".join(risk.reasons) if risk.risky else "none",
+            "planner": f"on, weight {info['blend_weight']:.2f}" if frame.triggered else "off",
             "shield": "–" if certificate is None else str(certificate.status),
         }
-        hot = {"risk": risk.risky, "planner": frame.triggered}
-        for name, text in texts.items():
-            colour = PALETTE["plan"] if hot.get(name, False) else "black"
-            self._values[name].set(text=text, color=colour)
+        text = "\n".join(f"{name:10} {value.replace('_', ' ')}" for name, value in lines.items())
+        hot = risk.risky or frame.triggered
+        self._text.set(text=text, color=PALETTE["plan"] if hot else "black")

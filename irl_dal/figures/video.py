@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from numpy.typing import NDArray
 
-from irl_dal.figures.panels import WINDOW, CommandPlot, FilmFrame, StatusPanel
+from irl_dal.figures.panels import CommandPlot, FilmFrame, StatusPanel
 from irl_dal.figures.top_view import TopView
 from irl_dal.loop import ControlLoop, Observation
 from shield import KinematicBicycle
@@ -39,37 +39,26 @@ class DriveFilm:
     What stands still in a frame is drawn once, a frame costs what moves in it.
 
     Args:
-        path: File to write, `.mp4` or `.gif`; it appears when the film is complete.
+        path: `.mp4` file to write; it appears when the film is complete.
         loop: Loop that is driven; without `render_mode="rgb_array"` the chase view stays empty.
         duration: After so many seconds of the drive nothing more is filmed [s].
-        every: Film one control step in so many; the film runs in real time anyway.
     """
 
-    def __init__(
-        self, path: Path, loop: ControlLoop, duration: float = 30.0, every: int = 1
-    ) -> None:
+    def __init__(self, path: Path, loop: ControlLoop, duration: float) -> None:
         self.path = path
         self._loop = loop
         self._duration = duration
-        self._every = every
         self._bicycle = KinematicBicycle(loop.limits.wheelbase, loop.limits.dt)
         self._frames: list[FilmFrame] = []
         self._canvas, axes = _layout()
         size = loop.city.config.image_size
-        self._pictures = {
-            "chase": _picture(axes["chase"], CHASE_SHAPE),
-            "camera": _picture(axes["camera"], (size, size)),
-        }
+        self._chase = _picture(axes["chase"], CHASE_SHAPE)
+        self._camera = _picture(axes["camera"], (size, size))
         self._top = TopView(axes["top"], loop.city.config.lidar_range)
-        self._status = StatusPanel(axes["words"])
-        low, high = loop.limits.low, loop.limits.high
-        degree = float(np.degrees(1.0))
+        self._status = StatusPanel(axes["status"])
         self._plots = [
-            CommandPlot(axes["steering"], 0, degree, (degree * low[0], degree * high[0]),
-                        "steering [°]"),
-            CommandPlot(axes["speed"], 1, 1.0, (low[1], high[1]), "speed [m/s]"),
-        ]  # fmt: skip
-        self._plots[1].explain()
+            CommandPlot(axes[name], i, loop.limits) for i, name in enumerate(("steering", "speed"))
+        ]
         self._canvas.draw()
         self._background = self._canvas.copy_from_bbox(self._canvas.figure.bbox)
 
@@ -77,11 +66,8 @@ class DriveFilm:
         """Open the file."""
         self.path.parent.mkdir(parents=True, exist_ok=True)
         self._partial = self.path.with_name(f".part-{self.path.name}")
-        period = self._loop.limits.dt * self._every
-        if self.path.suffix == ".gif":
-            self._writer = imageio.get_writer(self._partial, duration=1e3 * period, loop=0)
-        else:
-            self._writer = imageio.get_writer(self._partial, fps=1.0 / period, macro_block_size=2)
+        rate = 1.0 / self._loop.limits.dt
+        self._writer = imageio.get_writer(self._partial, fps=rate, macro_block_size=2)
         return self
 
     def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
@@ -94,32 +80,26 @@ class DriveFilm:
 
     def watch(self, observation: Observation, info: Mapping[str, Any]) -> None:
         """Film the moment after the reset or after a step."""
-        step = len(self._frames)
-        time = step * self._loop.limits.dt
+        time = len(self._frames) * self._loop.limits.dt
         self._frames.append(FilmFrame.of(time, info))
-        if step % self._every == 0 and time <= self._duration:
+        if time <= self._duration:
             self._writer.append_data(self.frame(observation, info))
 
     def frame(self, observation: Observation, info: Mapping[str, Any]) -> NDArray[np.uint8]:
         """Draw the moment that was watched last: (720, 1280, 3) uint8."""
-        self._pictures["camera"].set_data(observation["image"])
+        self._camera.set_data(observation["image"])
         view = self._loop.render()
         if isinstance(view, np.ndarray):
-            self._pictures["chase"].set_data(view)
+            self._chase.set_data(view)
         trail = np.array([frame.pose[:2] for frame in self._frames])
         self._top.update(self._loop.city.scene(), trail, self._plan(info))
         self._status.update(self._frames[-1], info)
-        recent = self._frames[-round(WINDOW / self._loop.limits.dt) - 1 :]
+        moving: list[Artist] = [self._chase, self._camera]
+        moving += [*self._top.artists, *self._status.artists]
         for plot in self._plots:
-            plot.update(recent)
-        return self._compose()
-
-    def _compose(self) -> NDArray[np.uint8]:
-        """What stands still, and on it what moves."""
-        self._canvas.restore_region(self._background)
-        moving: list[Artist] = [*self._pictures.values(), *self._top.artists, *self._status.artists]
-        for plot in self._plots:
+            plot.update(self._frames)
             moving += plot.artists
+        self._canvas.restore_region(self._background)
         for artist in moving:
             assert artist.axes is not None
             artist.axes.draw_artist(artist)
@@ -135,7 +115,7 @@ class DriveFilm:
 
 
 def _layout() -> tuple[FigureCanvasAgg, dict[str, Axes]]:
-    """An empty frame: the chase view above camera and plots, the top view above the words."""
+    """An empty frame: the chase view above camera and plots, the top view above the status."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), dpi=DPI, facecolor="white")
     left = figure.add_gridspec(
         2, 3, left=0.01, right=0.66, top=0.985, bottom=0.075, wspace=0.22, hspace=0.12,
@@ -150,7 +130,7 @@ def _layout() -> tuple[FigureCanvasAgg, dict[str, Axes]]:
         "steering": figure.add_subplot(left[1, 1]),
         "speed": figure.add_subplot(left[1, 2]),
         "top": figure.add_subplot(right[0]),
-        "words": figure.add_subplot(right[1]),
+        "status": figure.add_subplot(right[1]),
     }
     return FigureCanvasAgg(figure), axes
 

@@ -11,13 +11,12 @@ def test_recorder_keeps_what_the_loop_says() -> None:
     rig = small_rig("random")
     try:
         _, first = rig.loop.reset(seed=3)
-        recorder, before, infos = EpisodeRecorder(3, first), first, []
+        recorder, infos = EpisodeRecorder(3, first), []
         for action in np.linspace(-0.4, 0.4, 10).reshape(5, 2):
             _, reward, _, _, after = rig.loop.step(action)
             after["mode"] = len(infos) % 4
-            recorder.add(before, action, reward, after)
+            recorder.add(action, reward, after)
             infos.append(after)
-            before = after
     finally:
         rig.close()
     episode = recorder.finish()

@@ -34,16 +34,6 @@ def test_interval_agrees_with_scipys_percentile_bootstrap() -> None:
     assert ours.high == pytest.approx(theirs.high, abs=0.1 * width)
 
 
-def test_strata_keep_their_share() -> None:
-    """Rows are drawn within their stratum: a difference between strata adds no uncertainty."""
-    rows = np.column_stack([np.repeat([0.0, 1.0], 10), np.ones(20)])
-    labels = np.repeat(["first", "second"], 10)
-    apart = estimate(rows, ratio, np.random.default_rng(0), strata=labels)
-    together = estimate(rows, ratio, np.random.default_rng(0))
-    assert (apart.value, apart.low, apart.high) == (0.5, 0.5, 0.5)
-    assert together.low is not None and together.low < 0.4
-
-
 def test_the_same_generator_gives_the_same_interval() -> None:
     """The interval depends on the rows and the generator alone."""
     rows = np.random.default_rng(3).random((15, 2))
@@ -71,11 +61,9 @@ def test_other_statistics() -> None:
 
 
 def test_wrong_shapes_are_refused() -> None:
-    """Rows that are no table and labels that do not fit say so."""
+    """Rows that are no table say so."""
     with pytest.raises(ValueError, match="`rows`"):
         estimate(np.zeros(3), ratio, np.random.default_rng(0))
-    with pytest.raises(ValueError, match="`strata`"):
-        estimate(np.zeros((3, 2)), ratio, np.random.default_rng(0), strata=[1, 2])
 
 
 def test_a_paired_difference_is_resampled_in_pairs() -> None:
