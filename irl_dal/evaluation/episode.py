@@ -127,7 +127,7 @@ class EpisodeRecorder:
         if not after:
             raise ValueError(f"`seed` {self._seed}: an episode needs at least one step. Got 0.")
         certificates = [info.get("certificate") for info in after]
-        broken = [info["nominal_violations"] for info in after]
+        spoken = [info["nominal_violations"] for info in after]
         return Episode(
             seed=self._seed,
             success=bool(last["success"]),
@@ -145,7 +145,7 @@ class EpisodeRecorder:
             projected=np.array([c is not None and c.intervened for c in certificates], np.bool_),
             triggered=np.array([info["triggered"] for info in after], np.bool_),
             nominal_violations=np.array(
-                [[broken.get(source, SILENT) for source in SOURCES] for broken in proposals],
+                [[broken.get(source, SILENT) for source in SOURCES] for broken in spoken],
                 np.int8,
             ),
             shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),

@@ -70,8 +70,6 @@ def logged_plan(**entries: object) -> LoggedPlan:
         "energy_nominal": np.nan,
         "energy_unguided": np.nan,
         "candidates": still[None],
-        "projections": 0,
-        "solve_time": 0.0,
         "latency": 0.01,
     }
     return LoggedPlan(Plan(**{**values, **entries}), np.zeros(2))
