@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["Array", "Image", "Info", "Observation"]
+__all__ = ["Array", "Colour", "Image", "Info", "Observation"]
 
 Array = NDArray[np.float64]
 Image = NDArray[np.uint8]
+Colour = tuple[float, float, float]  # RGB in [0, 1]
 Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]

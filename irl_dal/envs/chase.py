@@ -3,76 +3,44 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
 from irl_dal.envs.arrays import Array
+from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.vehicle import VehicleState
-from irl_dal.envs.world import CameraPose, Illumination, World
-from shield import VehicleGeometry
+from irl_dal.envs.world import CameraPose, World
 
+# Where the camera flies and how far in front of the car it looks [m]
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
-"""Where the camera flies and how far in front of the car it looks [m]."""
-
-FIELD_OF_VIEW = 50.0
-"""[deg]"""
-
-BEAM_HEIGHT = 0.6
-"""At which the LiDAR's rays are drawn [m]."""
-
-EVERY = 3
-"""One ray in so many is drawn."""
-
-CALM, RISKY = (90, 200, 140), (235, 70, 60)
-"""Colours of the rays and of the badge."""
+FIELD_OF_VIEW = 50.0  # [deg]
+BEAM_HEIGHT = 0.6  # At which the LiDAR's rays are drawn [m]
+EVERY = 3  # One ray in so many is drawn
+CALM, RISKY = (90, 200, 140), (235, 70, 60)  # Colours of the rays and of the badge
 
 
 @dataclass(frozen=True, slots=True)
 class Overlay:
-    """What the control loop adds to the view.
+    """What the control loop adds to the view."""
 
-    Attributes:
-        risky: The trigger's verdict.
-        text: One line.
-    """
-
-    risky: bool = False
-    text: str = ""
-
-
-class SceneView(Protocol):
-    """The parts of a scene that the view draws."""
-
-    @property
-    def vehicle(self) -> VehicleState:
-        """The ego car."""
-
-    @property
-    def scan(self) -> Array:
-        """Ranges (beams,) [m]."""
-
-    @property
-    def angles(self) -> Array:
-        """Bearings (beams,) [rad]."""
-
-    @property
-    def geometry(self) -> VehicleGeometry:
-        """Outline of the ego car."""
+    risky: bool = False  # The trigger's verdict
+    text: str = ""  # One line
 
 
 def chase_view(
     world: World,
-    scene: SceneView,
+    state: VehicleState,
+    scan: Array,
+    angles: Array,
+    mount: float,
     light: Illumination,
     overlay: Overlay,
     width: int = 640,
     height: int = 360,
 ) -> NDArray[np.uint8]:
     """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays, the overlay."""
-    state = scene.vehicle
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
     eye, aim = here - BEHIND * ahead, here + AHEAD * ahead
@@ -86,24 +54,29 @@ def chase_view(
     picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
-    _draw_rays(pen, scene, (width, height), RISKY if overlay.risky else CALM)
+    _draw_rays(pen, scan, angles, mount, (width, height), RISKY if overlay.risky else CALM)
     _draw_badge(pen, overlay, state.speed, width)
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 
 def _draw_rays(
-    pen: ImageDraw.ImageDraw, scene: SceneView, size: tuple[int, int], colour: tuple[int, int, int]
+    pen: ImageDraw.ImageDraw,
+    scan: Array,
+    angles: Array,
+    mount: float,
+    size: tuple[int, int],
+    colour: tuple[int, int, int],
 ) -> None:
     """Rays that hit something, with a dot where they end."""
-    farthest = float(scene.scan.max(initial=0.0))
-    hit = scene.scan < max(farthest, 1.0) - 0.5
+    farthest = float(scan.max(initial=0.0))
+    hit = scan < max(farthest, 1.0) - 0.5
     hit[np.arange(len(hit)) % EVERY != 0] = False
-    origin = _project(np.array([[scene.geometry.front_bumper, 0.0, BEAM_HEIGHT]]), size)[0]
+    origin = _project(np.array([[mount, 0.0, BEAM_HEIGHT]]), size)[0]
     ends = np.stack(
         [
-            scene.geometry.front_bumper + scene.scan * np.cos(scene.angles),
-            scene.scan * np.sin(scene.angles),
-            np.full(len(scene.scan), BEAM_HEIGHT),
+            mount + scan * np.cos(angles),
+            scan * np.sin(angles),
+            np.full(len(scan), BEAM_HEIGHT),
         ],
         axis=1,
     )

@@ -18,66 +18,42 @@ from irl_dal.envs.chase import Overlay, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
 from irl_dal.envs.lane_camera import Eye, LaneCamera
-from irl_dal.envs.lighting import draw_light
+from irl_dal.envs.lighting import Illumination, draw_light
 from irl_dal.envs.reward import Situation, driving_mode, reward_terms
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
 from irl_dal.envs.scenery import PAINT, Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
-from irl_dal.envs.vehicle import KinematicVehicle, Vehicle, VehicleState
-from irl_dal.envs.world import Illumination, World
+from irl_dal.envs.vehicle import Vehicle, VehicleState
+from irl_dal.envs.world import World
 from shield import ActuatorLimits, LaneMeasurement, VehicleGeometry
 
 
 @dataclass(frozen=True, slots=True)
 class Scene:
-    """Everything that a top view draws, in world coordinates.
+    """Everything that a top view draws, in world coordinates."""
 
-    Attributes:
-        road: The road.
-        obstacles: Everything on it.
-        vehicle: The ego car.
-        scan: Noise-free LiDAR ranges (beams,) [m].
-        angles: Bearings of the beams (beams,) [rad].
-        geometry: Outline of the ego car.
-    """
-
-    road: Road
-    obstacles: tuple[Obstacle, ...]
-    vehicle: VehicleState
-    scan: Array
-    angles: Array
-    geometry: VehicleGeometry
+    road: Road  # The road
+    obstacles: tuple[Obstacle, ...]  # Everything on it
+    vehicle: VehicleState  # The ego car
+    scan: Array  # Noise-free LiDAR ranges (beams,) [m]
+    angles: Array  # Bearings of the beams (beams,) [rad]
+    geometry: VehicleGeometry  # Outline of the ego car
 
 
 @dataclass(frozen=True, slots=True)
 class _Episode:
-    """All that an episode follows from.
+    """All that an episode follows from."""
 
-    Attributes:
-        rng: The environment's generator before the episode.
-        options: Of `reset`.
-        camera_on: Whether the camera was on at `reset`.
-        steps: Command (2,) of each step, and whether the camera was on.
-    """
-
-    rng: np.random.Generator
-    options: dict[str, Any]
-    camera_on: bool
-    steps: list[tuple[Array, bool]]
+    rng: np.random.Generator  # The environment's generator before the episode
+    options: dict[str, Any]  # Of `reset`
+    camera_on: bool  # Whether the camera was on at `reset`
+    steps: list[tuple[Array, bool]]  # Command (2,) of each step, and whether the camera was on
 
 
-_KEPT = {
-    "spec",
-    "camera_on",
-    "overlay",
-    "action_space",
-    "observation_space",
-    "_np_random",
-    "_np_random_seed",
-}
-"""Attributes of a `CityEnv` that a copy takes over; all others follow from the episode."""
+# Attributes that a copy takes over; all others follow from the episode
+_KEPT = ("spec", "camera_on", "overlay", "action_space", "observation_space", "np_random")
 
 
 class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
@@ -163,9 +139,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self.action_space: spaces.Box = spaces.Box(-1.0, 1.0, (2,), np.float32)
         self.camera_on = True
         self._world = World()
-        self._lidar = Lidar(
-            self._world, scanner, self.config.lidar_noise, self.config.lidar_dropout
-        )
+        noise, dropout = self.config.lidar_noise, self.config.lidar_dropout
+        self._lidar = Lidar(self._world, scanner, noise, dropout)
         self._camera = Camera(self._world, size, self.config.image_noise)
         eye = Eye(size, Camera.FORWARD, Camera.HEIGHT - PAINT, Camera.PITCH, Camera.FIELD_OF_VIEW)
         self._lane_camera = LaneCamera(eye, self.limits.dt)
@@ -189,14 +164,12 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._world.clear()
         self._road = self._draw_road(layout, options)
         self._scenery = Scenery(self._world, self._road, layout)
-        self._traffic = Traffic(
-            self._world, self._road, DENSITY[config.difficulty], layout, config.vehicle
-        )
+        density = DENSITY[config.difficulty]
+        self._traffic = Traffic(self._world, self._road, density, layout, config.vehicle)
         self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
         self._lane_sensor = LaneSensor(self._road, config.lane_offset_noise)
         self._lane_camera.reset()
-        kind = KinematicVehicle if config.dynamics == "kinematic" else Vehicle
-        self._vehicle = kind(
+        self._vehicle = Vehicle(
             self._world, self.limits.wheelbase, config.faults.servo_rate, config.vehicle
         )
         x, y, yaw = self._road.pose(0.0, HOME_LANE)
@@ -242,8 +215,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._vehicle.advance(dt)
         self._time += dt
         self._sense()
-        touched = self._vehicle.touches(self._traffic.bodies_near(self._at.s))
-        collision = touched or self._clearance < self.config.collision_distance
+        near = self._clearance < self.config.collision_distance
+        collision = self._vehicle.touches() or near
         off_road = not -HALF_WIDTH <= self._at.d <= self._at.left_edge
         success = self._at.s >= self._road.length and not collision and not off_road
         rate = float(self._command[0] - before[0]) / dt
@@ -258,7 +231,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """The chase view (360, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        return chase_view(self._world, self.scene(), self._light, self.overlay)
+        seen = (self._state, self._scan, self._lidar.angles, self.config.scanner.mount)
+        return chase_view(self._world, *seen, self._light, self.overlay)
 
     @property
     def brightness(self) -> float:
@@ -271,26 +245,14 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
 
     def scene(self) -> Scene:
         """What a top view of this moment draws."""
-        return Scene(
-            self._road,
-            tuple(self._traffic.obstacles),
-            self._state,
-            self._scan,
-            self._lidar.angles,
-            self.config.vehicle,
-        )
+        obstacles, geometry = tuple(self._traffic.obstacles), self.config.vehicle
+        return Scene(self._road, obstacles, self._state, self._scan, self._lidar.angles, geometry)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Copy and pickle what makes the episode; the copy drives it again.
-
-        Bullet's own snapshots do not repeat a drive bit by bit.
-
-        Raises:
-            TypeError: The environment is closed.
-        """
+        """Copy and pickle what makes the episode; the copy drives it again."""
         if not self._world.is_open:
             raise TypeError("A closed CityEnv can be neither copied nor pickled.")
-        kept = {name: value for name, value in vars(self).items() if name in _KEPT}
+        kept = {name: getattr(self, name) for name in _KEPT}
         arguments = (self.config, self.limits, self.render_mode)
         return type(self), arguments, copy.deepcopy((self._episode, kept))
 
@@ -298,12 +260,14 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """Drive the copied episode again."""
         episode, kept = state
         if episode is not None:
-            self._np_random = episode.rng
+            self.np_random = episode.rng
             self.camera_on = episode.camera_on
             self.reset(options=episode.options)
-            for command, self.camera_on in episode.steps:
+            for command, camera_on in episode.steps:
+                self.camera_on = camera_on
                 self.execute(command)
-        vars(self).update(kept)
+        for name, value in kept.items():
+            setattr(self, name, value)
 
     def _sense(self) -> None:
         """Read the true state, where it lies on the road and the noise-free scan."""

@@ -17,10 +17,10 @@ from shield import LaneGeometry, ScannerGeometry, VehicleGeometry
 
 __all__ = ["CityConfig"]
 
+# [m]: room for one obstacle and the way back; the test for a road that meets itself takes time with
+# the square of the length
 SHORTEST_ROUTE, LONGEST_ROUTE = 80.0, 10_000.0
-"""[m]: room for one obstacle and the way back; the test for a road that meets itself takes time
-with the square of the length."""
-
+# Admissible values, in the fields' units
 RANGES: Ranges = {
     "route_length": (SHORTEST_ROUTE, LONGEST_ROUTE),
     "route_spread": (0.0, LONGEST_ROUTE),
@@ -38,63 +38,43 @@ RANGES: Ranges = {
     "lidar_dropout": (0.0, 1.0),
     "lane_offset_noise": (0.0, 100.0),
 }
-"""Admissible values, in the fields' units."""
 
 
 @dataclass(frozen=True, slots=True)
 class CityConfig:
     """What the city is like.
 
-    Attributes:
-        difficulty: How much traffic: easy, paper or hard.
-        route_length: From start to goal on the average [m]; on a track exactly, a goal every so
-            many metres.
-        route_spread: How much longer or shorter a generated route may be [m].
-        track: TUM centre-line CSV file to drive on; None draws a road from the seed.
-        dynamics: physics (four wheels, tyres that slide) or kinematic (for quick tests).
-        min_brightness: Darkest light, 0 is a dark evening.
-        max_brightness: Brightest light, 1 is noon.
-        initial_speed: Speed at the start [m/s].
-        time_limit: After which an episode is truncated [s].
-        collision_distance: d_collision [m] (Table II).
-        obstacle_sight: Distance at which an obstacle changes the reward's mode [m].
-        image_size: Edge length of the camera image [px] (Table II).
-        image_noise: Standard deviation of a pixel's brightness [1/255].
-        lidar_beams: Number of beams over 180 degrees (Table II).
-        lidar_range: Range, and the reading where nothing is hit [m].
-        lidar_noise: Standard deviation of a reading [m].
-        lidar_dropout: Probability that a beam returns nothing.
-        lane_sensor: camera measures in the image, odometry is the truth with noise.
-        lane_offset_noise: Standard deviation of the odometry's lateral offset [m].
-        vehicle: Outline of the car, or a mapping of it; its wheelbase is a limit's.
-        reward: Weights of the reward terms, or a mapping of them.
-        faults: Defects of sensors and actuators, or a mapping of them.
-
     Raises:
         ValueError: If a field is out of range, naming it and the value received.
     """
 
-    difficulty: Literal["easy", "paper", "hard"] = "paper"
+    difficulty: Literal["easy", "paper", "hard"] = "paper"  # How much traffic: easy, paper or hard
+    # From start to goal on the average [m]; on a track exactly, a goal every so many metres
     route_length: float = 500.0
-    route_spread: float = 100.0
+    route_spread: float = 100.0  # How much longer or shorter a generated route may be [m]
+    # TUM centre-line CSV file to drive on; None draws a road from the seed
     track: str | None = None
-    dynamics: Literal["physics", "kinematic"] = "physics"
-    min_brightness: float = 0.0
-    max_brightness: float = 1.0
-    initial_speed: float = 3.0
-    time_limit: float = 120.0
-    collision_distance: float = 1.0
-    obstacle_sight: float = 25.0
-    image_size: int = 64
-    image_noise: float = 2.0
-    lidar_beams: int = ScannerGeometry().beams
+    min_brightness: float = 0.0  # Darkest light, 0 is a dark evening
+    max_brightness: float = 1.0  # Brightest light, 1 is noon
+    initial_speed: float = 3.0  # Speed at the start [m/s]
+    time_limit: float = 120.0  # After which an episode is truncated [s]
+    collision_distance: float = 1.0  # d_collision [m] (Table II)
+    obstacle_sight: float = 25.0  # Distance at which an obstacle changes the reward's mode [m]
+    image_size: int = 64  # Edge length of the camera image [px] (Table II)
+    image_noise: float = 2.0  # Standard deviation of a pixel's brightness [1/255]
+    lidar_beams: int = ScannerGeometry().beams  # Number of beams over 180 degrees (Table II)
+    # Range, and the reading where nothing is hit [m]
     lidar_range: float = ScannerGeometry().max_range
-    lidar_noise: float = 0.03
-    lidar_dropout: float = 0.01
+    lidar_noise: float = 0.03  # Standard deviation of a reading [m]
+    lidar_dropout: float = 0.01  # Probability that a beam returns nothing
+    # camera measures in the image, odometry is the truth with noise
     lane_sensor: Literal["camera", "odometry"] = "camera"
-    lane_offset_noise: float = 0.06
+    lane_offset_noise: float = 0.06  # Standard deviation of the odometry's lateral offset [m]
+    # Outline of the car, or a mapping of it; its wheelbase is a limit's
     vehicle: VehicleGeometry = field(default_factory=VehicleGeometry)
+    # Weights of the reward terms, or a mapping of them
     reward: RewardConfig = field(default_factory=RewardConfig)
+    # Defects of sensors and actuators, or a mapping of them
     faults: FaultConfig = field(default_factory=FaultConfig)
 
     def __post_init__(self) -> None:
@@ -111,9 +91,8 @@ class CityConfig:
     @property
     def scanner(self) -> ScannerGeometry:
         """The LiDAR's geometry."""
-        return ScannerGeometry(
-            beams=self.lidar_beams, max_range=self.lidar_range, mount=self.vehicle.front_bumper
-        )
+        mount = self.vehicle.front_bumper
+        return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range, mount=mount)
 
     @property
     def lanes(self) -> LaneGeometry:
@@ -130,7 +109,6 @@ class CityConfig:
     def _check_choices(self) -> None:
         for name, choices in (
             ("difficulty", sorted(DENSITY)),
-            ("dynamics", ["kinematic", "physics"]),
             ("lane_sensor", ["camera", "odometry"]),
         ):
             if getattr(self, name) not in choices:

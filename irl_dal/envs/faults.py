@@ -14,48 +14,36 @@ from irl_dal.envs.vehicle import SERVO_RATE
 
 __all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
 
-FAULT_TIME = 1.0
-"""Length of one freeze of the camera and of one burst of noise [s]."""
-
+FAULT_TIME = 1.0  # Length of one freeze of the camera and of one burst of noise [s]
+# Standard deviation in a burst, of a range [m] and of a pixel [1/255]
 BURST_RANGE, BURST_PIXEL = 1.0, 10.0
-"""Standard deviation in a burst, of a range [m] and of a pixel [1/255]."""
-
-SHORTEST_STUCK = 2.0
-"""Shortest range at which a beam is stuck [m]: nearer ones would be collisions."""
-
+SHORTEST_STUCK = 2.0  # Shortest range at which a beam is stuck [m]: nearer ones would be collisions
+# Admissible values, in the fields' units
 RANGES: Ranges = {
     **dict.fromkeys(("dead_beams", "stuck_beams", "frozen_camera", "noise_bursts"), (0.0, 1.0)),
     "latency": (0, 5),
     "actuator_lag": (0.0, 10.0),
     "servo_rate": (0.01, 100.0),
 }
-"""Admissible values, in the fields' units."""
 
 
 @dataclass(frozen=True, slots=True)
 class FaultConfig:
     """Strength of each fault; the defaults are no fault at all.
 
-    Attributes:
-        dead_beams: Share of LiDAR beams that never return anything.
-        stuck_beams: Share of LiDAR beams that always return one and the same range.
-        frozen_camera: Share of the time in which the image stands still, `FAULT_TIME` each.
-        noise_bursts: Share of the time in which image and LiDAR are noisy, `FAULT_TIME` each.
-        latency: Age of every observation [steps].
-        actuator_lag: Time constant with which the actuators follow commands [s].
-        servo_rate: Turning rate of the steering servo [rad/s]; 1.2 when healthy, 0.6 is what the
-            shield counts on.
-
     Raises:
         ValueError: If a field is out of range, naming it and the value received.
     """
 
-    dead_beams: float = 0.0
-    stuck_beams: float = 0.0
+    dead_beams: float = 0.0  # Share of LiDAR beams that never return anything
+    stuck_beams: float = 0.0  # Share of LiDAR beams that always return one and the same range
+    # Share of the time in which the image stands still, `FAULT_TIME` each
     frozen_camera: float = 0.0
+    # Share of the time in which image and LiDAR are noisy, `FAULT_TIME` each
     noise_bursts: float = 0.0
-    latency: int = 0
-    actuator_lag: float = 0.0
+    latency: int = 0  # Age of every observation [steps]
+    actuator_lag: float = 0.0  # Time constant with which the actuators follow commands [s]
+    # Turning rate of the steering servo [rad/s]; 1.2 when healthy, 0.6 is what the shield counts on
     servo_rate: float = SERVO_RATE
 
     def __post_init__(self) -> None:
@@ -63,6 +51,7 @@ class FaultConfig:
         check_ranges(self, RANGES)
 
 
+# Each fault at its default strength
 FAULTS: dict[str, FaultConfig] = {
     "none": FaultConfig(),
     "dead_beams": FaultConfig(dead_beams=0.15),
@@ -74,18 +63,12 @@ FAULTS: dict[str, FaultConfig] = {
     "actuator_lag": FaultConfig(actuator_lag=0.2),
     "slow_servo": FaultConfig(servo_rate=0.3),
 }
-"""Each fault at its default strength."""
 
 
 class SensorFaults:
     """Spoils observations; with the defaults it hands them through untouched.
 
-    Args:
-        config: How.
-        dt: Time between two observations [s].
-        beams: Number of LiDAR beams.
-        max_range: LiDAR reading where nothing was hit [m].
-        rng: Source of every draw; its own, so that no other noise depends on the faults.
+    Its generator is its own, so that no other noise depends on the faults.
     """
 
     def __init__(
@@ -144,13 +127,7 @@ class SensorFaults:
 
 
 class ActuatorLag:
-    """First-order lag between the command and what the actuators are told.
-
-    Args:
-        time: Time constant [s]; 0 hands commands through.
-        dt: Control period [s].
-        command: Command to begin with (2,) [rad, m/s].
-    """
+    """First-order lag of commands with a time constant [s], 0 for none, from a first command on."""
 
     def __init__(self, time: float, dt: float, command: NDArray[np.float64]) -> None:
         self._share = 1.0 if time <= 0.0 else 1.0 - float(np.exp(-dt / time))

@@ -14,7 +14,7 @@ r"""Lane pose and shape from the camera image, by classical means.
 
 Where the yellow line is out of view, white lines are told apart by the last fit, moved on with the
 car, for at most `MAX_COAST` seconds; without one, the line with grass to its right is the road's
-edge. A first fit that would put grass on the road is off by a lane and not believed.
+edge. A first fit that would put grass on the road is off by a lane and refused.
 """
 
 from __future__ import annotations
@@ -32,72 +32,63 @@ from shield import LaneMeasurement
 
 Mask = NDArray[np.bool_]
 
+# Least yellowness min(R, G) - B and least brightness of a line, in units of the road's grey
 YELLOW, WHITE = 1.35, 2.4
-"""Least yellowness min(R, G) - B and least brightness of a line, in units of the road's grey."""
-
-NEAR, FAR = 1.5, 32.0
-"""Ground that is looked at, from the rear axle [m]."""
-
+NEAR, FAR = 1.5, 32.0  # Ground that is looked at, from the rear axle [m]
+# White dashes beyond this distance are single pixels that could belong to anything [m]
 WHITE_FAR = 16.0
-"""White dashes beyond this distance are single pixels that could belong to anything [m]."""
-
-MIN_YELLOW, MIN_WHITE = 5, 10
-"""Pixels without which a line is not believed."""
-
-MAX_PIXELS = 80
-"""Pixels of one colour that take part; about as many give the road's grey."""
-
-GATE = 1.1
-"""Distance to a line within which a white pixel is taken for it [m]."""
-
+MIN_YELLOW, MIN_WHITE = 5, 10  # Fewest pixels of a line
+MAX_PIXELS = 80  # Pixels of one colour that take part; about as many give the road's grey
+GATE = 1.1  # A white pixel this near to a line belongs to it [m]
+# Time for which white lines alone are trusted [s]: a bend of 25 m hides the yellow one so long
 MAX_COAST = 4.0
-"""Time for which white lines alone are trusted [s]: a bend of 25 m hides the yellow one so long."""
-
+# Least ratio of green to red and blue of grass, and how much of it is taken for an obstacle
 GREEN, MAX_GREEN = 1.25, 6
-"""Least ratio of green to red and blue of grass, and how much of it is taken for an obstacle."""
-
+# Deviations beyond which there is no measurement [m], [rad]
 MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08
-"""Deviations beyond which there is no measurement [m], [rad]."""
-
-VERGE = 1.0
-"""Distance to the right of the edge line at which there is grass behind the kerb [m]."""
-
-DARKEST = 5.0
-"""Grey of the road below which nothing is measured [1/255]."""
-
-PIXEL_ERROR = 0.29
-"""Standard deviation of a point within its pixel [px], uniform."""
-
+VERGE = 1.0  # Distance to the right of the edge line at which there is grass behind the kerb [m]
+DARKEST = 5.0  # Grey of the road below which nothing is measured [1/255]
+PIXEL_ERROR = 0.29  # Standard deviation of a point within its pixel [px], uniform
+# Tangent of the usual angle between line and view: so much of an error in range is sideways
 SLANT = 0.25
-"""Tangent of the usual angle between line and view: so much of an error in range is sideways."""
-
-_WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
-_SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
-_SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
-_PRIOR_STD = np.array([30.0, 1.0, 0.04, 0.0015])
-_KEPT_STD = np.array([30.0, 1.0, 0.012, 0.0012])
-_INFLATION = 0.7  # neighbouring pixels share their error; chosen by the normalised errors
-_WIDTHS = (1.2, 0.5, 0.15)
-_ALONG = np.arange(-2.0, FAR + 4.0, 1.0)
+# Offsets of the own direction's white lines from the yellow one [m]
+WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
+SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
+# Deviations of a line's pixels from its middle [m]: uniform over its width; a white dash is not
+# always told from the glare beside it
+SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
+# Prior of a fit (d [m], psi [rad], kappa [1/m], kappa' [1/m^2]) about a straight road and about the
+# last fit: offset and heading are free, a road bends with 25 m and more
+PRIOR_STD, KEPT_STD = np.array([30.0, 1.0, 0.04, 0.0015]), np.array([30.0, 1.0, 0.012, 0.0012])
+STEEPEST = np.array([0.12, 0.01])  # Largest curvature [1/m] and rate [1/m^2] of a fit
+# Of the covariance: neighbouring pixels share their error; chosen by the normalised errors
+INFLATION = 0.7
+# Width of Tukey's weights beyond three deviations, from round to round [m]
+WIDTHS = (1.2, 0.5, 0.15)
+INLIER = 0.1  # A pixel nearer than this, beyond three deviations, supports a fit [m]
+# Share of strays that the last fit's continuation may have; of support that a first fit needs
+MAX_STRAYS, MIN_SUPPORT = 0.15, 0.6
+# Ratio of lengths at an offset and on the line; beyond the centre of a bend there is none
+MIN_STRETCH, MAX_STRETCH = 0.3, 3.0
+# Least deviations that are reported [m], [rad]: what calibration leaves
+MIN_OFFSET_STD, MIN_HEADING_STD = 0.04, 0.006
+# Normal matrix of the first guess's prior, and its Cauchy weights' widths [m]
+PARABOLA_PRIOR, PARABOLA_WIDTHS = np.diag([1e-6, 1.0, 400.0]), (3.0, 1.5, 0.8)
+GREY_ASIDE, GREY_FAR = 2.0, 14.0  # Ground that gives the road's grey, to both sides and ahead [m]
+MIN_GREEN = 0.6  # Least ratio of green to red of yellow paint: red and orange have less
+LEVEL = 1e-6  # Sight lines flatter than this meet no ground
+ALONG = np.arange(-2.0, FAR + 4.0, 1.0)  # Stations at which a clothoid is integrated [m]
 
 
 @dataclass(frozen=True, slots=True)
 class Eye:
-    """Where the camera is and how it projects.
+    """Where the camera is and how it projects."""
 
-    Attributes:
-        size: Edge length of the image [px].
-        forward: From the rear axle [m].
-        height: Above the lines [m].
-        pitch: Of the axis below the horizon [rad].
-        field_of_view: [deg]
-    """
-
-    size: int
-    forward: float
-    height: float
-    pitch: float
-    field_of_view: float
+    size: int  # Edge length of the image [px]
+    forward: float  # From the rear axle [m]
+    height: float  # Above the lines [m]
+    pitch: float  # Of the axis below the horizon [rad]
+    field_of_view: float  # [deg]
 
     def ground(self) -> tuple[Array, Mask]:
         """Ground point (size, size, 2) of each pixel in the car's frame [m], and which have one.
@@ -110,11 +101,11 @@ class Eye:
         v = (np.arange(self.size) + 1.0 - half) / focal
         down = math.sin(self.pitch) + v * math.cos(self.pitch)
         ahead = math.cos(self.pitch) - v * math.sin(self.pitch)
-        reach = self.height / np.maximum(down, 1e-6)
+        reach = self.height / np.maximum(down, LEVEL)
         points = np.empty((self.size, self.size, 2))
         points[..., 0] = (self.forward + reach * ahead)[:, None]
         points[..., 1] = -u[None, :] * reach[:, None]
-        seen = (down > 1e-6)[:, None] & (points[..., 0] > NEAR) & (points[..., 0] < FAR)
+        seen = (down > LEVEL)[:, None] & (points[..., 0] > NEAR) & (points[..., 0] < FAR)
         return points, seen
 
     def blur(self, x: Array) -> Array:
@@ -163,7 +154,7 @@ class LaneCamera:
         x, y = points[self._top :].reshape(-1, 2).T
         self._points = np.stack([x, y, eye.blur(x)], axis=1)
         self._nearest: Mask = self._seen & (x < WHITE_FAR)
-        near = np.flatnonzero(self._seen & (np.abs(y) < 2.0) & (x < 14.0))
+        near = np.flatnonzero(self._seen & (np.abs(y) < GREY_ASIDE) & (x < GREY_FAR))
         self._lane = near[:: 1 + len(near) // MAX_PIXELS]
         self._beside = _shifted(y.reshape(-1, eye.size), VERGE)
         self.reset()
@@ -207,7 +198,7 @@ class LaneCamera:
             return
         d, psi, bend, rate = self._last
         way = speed * self._dt
-        along = way / max(0.3, 1.0 - bend * d)
+        along = way / max(MIN_STRETCH, 1.0 - bend * d)
         self._last = np.array(
             [
                 d + way * math.sin(psi + 0.5 * yaw_rate * self._dt),
@@ -226,7 +217,7 @@ class LaneCamera:
             return None
         red, green, blue = np.ascontiguousarray(below.T) / grey.astype(np.float32)[:, None]
         yellowness = np.minimum(red, green) - blue
-        yellow = self._seen & (yellowness > YELLOW) & (green > 0.6 * red)
+        yellow = self._seen & (yellowness > YELLOW) & (green > MIN_GREEN * red)
         white = self._nearest & (np.minimum(np.minimum(red, green), blue) > WHITE)
         if self._last is not None:
             return self._fit(self._thinned(yellow), self._thinned(white), self._last)
@@ -245,7 +236,7 @@ class LaneCamera:
     def _fit(self, yellow: Array, white: Array, start: Array | None) -> tuple[_Fit, bool] | None:
         if start is not None and len(yellow) >= MIN_YELLOW:
             joint = self._solve(_associate(yellow, white, start), 2)
-            if joint.strays <= 0.15 * (joint.support + joint.strays):
+            if joint.strays <= MAX_STRAYS * (joint.support + joint.strays):
                 return joint, True
         fit = self._fit_yellow(yellow, start) if len(yellow) >= MIN_YELLOW else None
         guess = start if fit is None else fit.x
@@ -266,27 +257,27 @@ class LaneCamera:
             if guess is None:
                 continue
             fit = self._solve(_associate(yellow, none, guess), 3)
-            if fit.support >= max(MIN_YELLOW, 0.6 * len(yellow)):
+            if fit.support >= max(MIN_YELLOW, MIN_SUPPORT * len(yellow)):
                 return fit
         return None
 
     def _solve(self, sighting: _Sighting, rounds: int) -> _Fit:
         """Gauss-Newton from the sighting's guess; the last rounds have the narrowest weights."""
         centre = np.zeros(4) if self._last is None else np.array([0.0, 0.0, *self._last[2:]])
-        prior = 1.0 / (_PRIOR_STD if self._last is None else _KEPT_STD) ** 2
+        prior = 1.0 / (PRIOR_STD if self._last is None else KEPT_STD) ** 2
         x, sigma, placed = sighting.guess, sighting.sigma, sighting.placed
         for k in range(rounds):
             s, d, jacobian = placed if k == 0 else _coordinates(sighting.points, x)
             residual = d - sighting.lines
-            width = 3.0 * sigma + _WIDTHS[min(k + max(3 - rounds, 0), 2)]
+            width = 3.0 * sigma + WIDTHS[min(k + max(3 - rounds, 0), 2)]
             weight = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 / sigma**2
             weight *= s > -1.0
             weighted = weight[:, None] * jacobian
             inverse = np.linalg.inv(jacobian.T @ weighted + np.diag(prior))
             x = x - inverse @ (residual @ weighted + prior * (x - centre))
-            x[2:] = np.clip(x[2:], (-0.12, -0.01), (0.12, 0.01))
-        support = int((np.abs(residual) < 3.0 * sigma + 0.1).sum())
-        covariance: Array = np.asarray(_INFLATION * inverse, dtype=np.float64)
+            x[2:] = np.clip(x[2:], -STEEPEST, STEEPEST)
+        support = int((np.abs(residual) < 3.0 * sigma + INLIER).sum())
+        covariance: Array = np.asarray(INFLATION * inverse, dtype=np.float64)
         return _Fit(x, covariance, support, len(residual) - support)
 
 
@@ -294,10 +285,9 @@ def _parabola(points: Array) -> Array:
     """First guess (4,) from ground points (n, 3) of the yellow line, robust against strays."""
     x, y = points[:, 0], points[:, 1]
     terms = np.stack([np.ones_like(x), x, 0.5 * x**2], axis=1)
-    prior = np.diag([1e-6, 1.0, 400.0])
     weight = np.ones_like(x)
-    for width in (3.0, 1.5, 0.8):
-        normal = terms.T @ (weight[:, None] * terms) + prior
+    for width in PARABOLA_WIDTHS:
+        normal = terms.T @ (weight[:, None] * terms) + PARABOLA_PRIOR
         a, b, c = np.linalg.solve(normal, terms.T @ (weight * y))
         weight = 1.0 / (1.0 + ((y - terms @ (a, b, c)) / width) ** 2)
     psi = -math.atan(b)
@@ -307,23 +297,23 @@ def _parabola(points: Array) -> Array:
 def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
     """Place points (n, 3) of the car's frame along the clothoid `x` (4,): s, d and d's Jacobian."""
     offset, psi, bend, rate = (float(value) for value in x)
-    heading = (bend + 0.5 * rate * _ALONG) * _ALONG - psi
+    heading = (bend + 0.5 * rate * ALONG) * ALONG - psi
     cos, sin = np.cos(heading), np.sin(heading)
     way_x = np.concatenate([[0.0], np.cumsum(0.5 * (cos[1:] + cos[:-1]))])
     way_y = np.concatenate([[0.0], np.cumsum(0.5 * (sin[1:] + sin[:-1]))])
     way_x += -offset * math.sin(psi) - way_x[2]
     way_y += -offset * math.cos(psi) - way_y[2]
     px, py = points[:, 0], points[:, 1]
-    s = np.interp(px, np.maximum.accumulate(way_x), _ALONG)
+    s = np.interp(px, np.maximum.accumulate(way_x), ALONG)
     for _ in range(2):
-        np.clip(s, _ALONG[0], _ALONG[-1], out=s)
+        np.clip(s, ALONG[0], ALONG[-1], out=s)
         turn = (bend + 0.5 * rate * s) * s
         tangent_x, tangent_y = np.cos(turn - psi), np.sin(turn - psi)
-        rest_x = px - np.interp(s, _ALONG, way_x)
-        rest_y = py - np.interp(s, _ALONG, way_y)
+        rest_x = px - np.interp(s, ALONG, way_x)
+        rest_y = py - np.interp(s, ALONG, way_y)
         d = tangent_x * rest_y - tangent_y * rest_x
         s = s + (tangent_x * rest_x + tangent_y * rest_y) / np.clip(
-            1.0 - (bend + rate * s) * d, 0.3, 3.0
+            1.0 - (bend + rate * s) * d, MIN_STRETCH, MAX_STRETCH
         )
     jacobian = np.empty((len(points), 4))
     jacobian[:, 0] = np.cos(turn)
@@ -338,14 +328,14 @@ def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
     points = np.concatenate([yellow, white])
     s, d, jacobian = _coordinates(points, x)
     lines = np.zeros(len(points))
-    sigma = np.hypot(_SIGMA_YELLOW, points[:, 2])
+    sigma = np.hypot(SIGMA_YELLOW, points[:, 2])
     if not len(white):
         return _Sighting(points, lines, sigma, x, (s, d, jacobian))
     first = len(yellow)
-    apart = d[first:, None] - _WHITE_LINES
+    apart = d[first:, None] - WHITE_LINES
     which = np.argmin(np.abs(apart), axis=1)
-    lines[first:] = _WHITE_LINES[which]
-    sigma[first:] = np.hypot(_SIGMA_WHITE, white[:, 2])
+    lines[first:] = WHITE_LINES[which]
+    sigma[first:] = np.hypot(SIGMA_WHITE, white[:, 2])
     keep = np.abs(d - lines) < GATE
     keep[:first] = True
     placed = (s[keep], d[keep], jacobian[keep])
@@ -356,7 +346,7 @@ def _shifted(y: Array, way: float) -> NDArray[np.int64]:
     """Flat index of the pixel `way` [m] to the right of each, for ground offsets `y` (m, n) [m]."""
     width = np.abs(np.diff(y, axis=1, append=2.0 * y[:, -1:] - y[:, -2:-1]))
     rows, columns = np.indices(y.shape)
-    right = columns + np.rint(way / np.maximum(width, 1e-6)).astype(np.int64)
+    right = columns + np.rint(way / np.maximum(width, LEVEL)).astype(np.int64)
     return np.asarray((rows * y.shape[1] + np.minimum(right, y.shape[1] - 1)).ravel())
 
 
@@ -379,12 +369,12 @@ def _covers(x: Array, grass: Array) -> bool:
 def _home_lane(x: Array, offset_std: float, heading_std: float) -> LaneMeasurement:
     """The yellow line's clothoid as that of the home lane, 5.25 m to its right."""
     d, psi, bend, rate = (float(value) for value in x)
-    stretch = max(0.3, 1.0 - HOME_LANE * bend)
+    stretch = max(MIN_STRETCH, 1.0 - HOME_LANE * bend)
     return LaneMeasurement(
         lateral_offset=d - HOME_LANE,
         heading_error=psi,
         curvature=bend / stretch,
         curvature_rate=rate / stretch**3,
-        offset_std=max(offset_std, 0.04),
-        heading_std=max(heading_std, 0.006),
+        offset_std=max(offset_std, MIN_OFFSET_STD),
+        heading_std=max(heading_std, MIN_HEADING_STD),
     )

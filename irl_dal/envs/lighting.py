@@ -2,9 +2,33 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+
 import numpy as np
 
-from irl_dal.envs.world import Colour, Illumination
+from irl_dal.envs.arrays import Array, Colour
+
+
+@dataclass(frozen=True, slots=True)
+class Illumination:
+    """What the renderer needs to know of the light."""
+
+    direction: Sequence[float]  # Where the light comes from (3,), any length
+    colour: Colour  # RGB in [0, 1]
+    ambient: float  # Share of light that falls on every face
+    diffuse: float  # Share of light that depends on the face's inclination
+    sky: Colour  # RGB in [0, 1] of what no body covers above the horizon
+    brightness: float = 1.0  # Time of day that it stands for, 0 a dark evening, 1 noon
+
+    def on_ground(self, colour: Colour) -> Array:
+        """What a level surface of a colour looks like, RGB (3,) in [0, 255].
+
+        The renderer's formula: the coloured light scales only the diffuse share.
+        """
+        height = float(np.asarray(self.direction)[2] / np.linalg.norm(self.direction))
+        shade = self.ambient + self.diffuse * max(0.0, height) * np.asarray(self.colour)
+        return np.asarray(255.0 * np.asarray(colour) * shade)
 
 
 def _mix(dark: Colour, bright: Colour, share: float) -> Colour:
@@ -13,12 +37,7 @@ def _mix(dark: Colour, bright: Colour, share: float) -> Colour:
 
 
 def daylight(brightness: float, azimuth: float) -> Illumination:
-    """Light for a time of day.
-
-    Args:
-        brightness: 0 is a dark evening, 0.5 about dusk, 1 noon.
-        azimuth: Direction of the sun [rad].
-    """
+    """Light for a `brightness`, 0 a dark evening, 1 noon, with the sun at `azimuth` [rad]."""
     elevation = 0.25 + 1.0 * brightness
     level = 0.30 + 0.70 * brightness
     warm = _mix((1.0, 0.78, 0.62), (1.0, 1.0, 0.97), brightness)

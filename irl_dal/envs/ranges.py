@@ -11,8 +11,8 @@ from shield.arguments import check_within
 
 __all__ = ["Ranges", "check_ranges"]
 
+# Smallest and largest value of each field; a pair of integers asks for an integer
 Ranges = Mapping[str, tuple[float, float]]
-"""Smallest and largest value of each field; a pair of integers asks for an integer."""
 
 
 def check_ranges(config: Any, ranges: Ranges) -> None:

@@ -15,46 +15,27 @@ from expert.modes import Mode
 from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.road import LANE_WIDTH
 
-BASELINE = 0.1
-"""For every step that is not a near miss: a calm standstill still beats a near miss."""
-
+BASELINE = 0.1  # For every step that is not a near miss: a calm standstill still beats a near miss
+# Largest loss for being close to an obstacle, and loss of a step that is a near miss: together they
+# outweigh the progress of a step
 CLEARANCE, NEAR_MISS = 0.4, 0.5
-"""Largest loss for being close to an obstacle, and loss of a step that is a near miss: together
-they outweigh the progress of a step."""
-
-SMOOTHNESS = 0.1
-"""Loss for a steering rate of 1 rad/s."""
-
-REFERENCE_SPEED = 8.0
-"""Earns the whole of `progress` [m/s]: the expert's cruising speed."""
-
-CENTRING_WIDTH = 0.6
-"""Offset at which centring has fallen to 1/e [m]: a third of a car's width."""
-
+SMOOTHNESS = 0.1  # Loss for a steering rate of 1 rad/s
+REFERENCE_SPEED = 8.0  # Earns the whole of `progress` [m/s]: the expert's cruising speed
+CENTRING = 0.4  # For a step in the middle of the lane that the mode asks for
+CENTRING_WIDTH = 0.6  # Offset at which centring has fallen to 1/e [m]: a third of a car's width
+# Clearance below which a step is a near miss [m], half a metre above d_collision
 NEAR_MISS_DISTANCE = 1.5
-"""Clearance below which a step is a near miss [m], half a metre above d_collision."""
-
-RELAXED = 0.5
-"""Share of the clearance loss while no obstacle is being passed."""
-
-RANGES: Ranges = dict.fromkeys(("progress", "centring", "crash", "goal"), (0.0, 1e6))
+RELAXED = 0.5  # Share of the clearance loss while no obstacle is being passed
+RANGES: Ranges = dict.fromkeys(("progress", "crash", "goal"), (0.0, 1e6))
 
 
 @dataclass(frozen=True, slots=True)
 class RewardConfig:
-    """Weights of the reward terms that a user turns; the others are constants above.
+    """Weights of the reward terms that a user turns; the others are constants above."""
 
-    Attributes:
-        progress: For a step along the road at `REFERENCE_SPEED`.
-        centring: For a step in the middle of the lane that the mode asks for.
-        crash: Loss for a collision or for leaving the road, once.
-        goal: Gain for the goal, once.
-    """
-
-    progress: float = 0.5
-    centring: float = 0.4
-    crash: float = 20.0
-    goal: float = 20.0
+    progress: float = 0.5  # For a step along the road at `REFERENCE_SPEED`
+    crash: float = 20.0  # Loss for a collision or for leaving the road, once
+    goal: float = 20.0  # Gain for the goal, once
 
     def __post_init__(self) -> None:
         """Check every weight."""
@@ -63,27 +44,16 @@ class RewardConfig:
 
 @dataclass(frozen=True, slots=True)
 class Situation:
-    """What the reward looks at, from the true state.
+    """What the reward looks at, from the true state."""
 
-    Attributes:
-        mode: Driving mode.
-        lateral_offset: To the left of the home lane's centre [m].
-        speed: Along the road [m/s].
-        clearance: Smallest distance to an obstacle [m].
-        steering_rate: [rad/s].
-        collision: The car has hit something.
-        off_road: The car has left the road.
-        success: The car has reached the goal.
-    """
-
-    mode: Mode
-    lateral_offset: float
-    speed: float
-    clearance: float
-    steering_rate: float
-    collision: bool
-    off_road: bool
-    success: bool
+    mode: Mode  # Driving mode
+    lateral_offset: float  # To the left of the home lane's centre [m]
+    speed: float  # Along the road [m/s]
+    clearance: float  # Smallest distance to an obstacle [m]
+    steering_rate: float  # [rad/s]
+    collision: bool  # The car has hit something
+    off_road: bool  # The car has left the road
+    success: bool  # The car has reached the goal
 
 
 def driving_mode(lateral_offset: float, gap: float, sight: float) -> Mode:
@@ -109,7 +79,7 @@ def reward_terms(config: RewardConfig, now: Situation) -> dict[str, float]:
     return {
         "baseline": 0.0 if near_miss else BASELINE,
         "progress": config.progress * float(np.clip(now.speed / REFERENCE_SPEED, -1.0, 1.0)),
-        "centring": config.centring * float(np.exp(-((off_centre / CENTRING_WIDTH) ** 2))),
+        "centring": CENTRING * float(np.exp(-((off_centre / CENTRING_WIDTH) ** 2))),
         "clearance": -CLEARANCE * closeness * (1.0 if watchful else RELAXED),
         "near_miss": -NEAR_MISS if near_miss else 0.0,
         "smoothness": -SMOOTHNESS * abs(now.steering_rate),

@@ -13,82 +13,46 @@ import numpy as np
 from irl_dal.envs.arrays import Array
 from shield import LaneGeometry
 
-SPACING = 0.5
-"""Distance between two points of the centre line [m]."""
-
-LANES = LaneGeometry()
-"""Home and passing lane, measured from the home lane's centre."""
-
-LANE_WIDTH = LANES.width
-"""[m]"""
-
+SPACING = 0.5  # Distance between two points of the centre line [m]
+LANES = LaneGeometry()  # Home and passing lane, measured from the home lane's centre
+LANE_WIDTH = LANES.width  # [m]
 LANES_PER_DIRECTION = 2
 
-HOME_LANE = -1.5 * LANE_WIDTH
-"""`d` of the ego's own, outer lane [m]."""
-
-PASSING_LANE = -0.5 * LANE_WIDTH
-"""`d` of the inner lane of the same direction [m]."""
-
+HOME_LANE = -1.5 * LANE_WIDTH  # `d` of the ego's own, outer lane [m]
+PASSING_LANE = -0.5 * LANE_WIDTH  # `d` of the inner lane of the same direction [m]
+# From the centre line to the right-hand edge, on generated roads to both edges [m]
 HALF_WIDTH = LANES_PER_DIRECTION * LANE_WIDTH
-"""From the centre line to the right-hand edge, on generated roads to both edges [m]."""
-
-LEAD_IN = 25.0
-"""Road behind the start [m]."""
-
-LEAD_OUT = 90.0
-"""Road beyond the goal [m]: as far as the camera sees."""
-
-MAX_ATTEMPTS = 200
-"""Roads drawn before giving up; about one in thirty of 500 m meets itself."""
-
+LEAD_IN = 25.0  # Road behind the start [m]
+LEAD_OUT = 90.0  # Road beyond the goal [m]: as far as the camera sees
+MAX_ATTEMPTS = 200  # Roads drawn before giving up; about one in thirty of 500 m meets itself
+# Radii of the arcs [m]: at 25 m the passing lane bends with 18 m, 4 m/s^2 at 8 m/s
 MIN_RADIUS, MAX_RADIUS = 25.0, 200.0
-"""Radii of the arcs [m]: at 25 m the passing lane bends with 18 m, 4 m/s^2 at 8 m/s."""
-
-STRAIGHTS = (10.0, 45.0)
-"""Length of a straight between two bends [m]."""
-
+STRAIGHTS = (10.0, 45.0)  # Length of a straight between two bends [m]
+# Length over which the curvature of a bend rises and falls, and of its shortest arc [m]
 TRANSITION, MIN_ARC = 15.0, 4.0
-"""Length over which the curvature of a bend rises and falls, and of its shortest arc [m]."""
-
-TURNS = np.deg2rad((15.0, 75.0))
-"""Change of direction of a bend [rad]."""
-
+TURNS = np.deg2rad((15.0, 75.0))  # Change of direction of a bend [rad]
+# Away from the first heading [rad]: then the next bend leads back to it, so that few roads meet
+# themselves
 MAX_HEADING = np.deg2rad(50.0)
-"""Away from the first heading [rad]: then the next bend leads back to it, so that few roads meet
-themselves."""
-
+# Points this far apart along the road [m] keep this distance on the ground [m]: two roads' widths
+# and a house between them
 APART, KEPT = 60.0, 32.0
-"""Points this far apart along the road [m] keep this distance on the ground [m]: two roads' widths
-and a house between them."""
-
-HINT_REACH = 30
-"""Points of the centre line on both sides of a hint that are searched: 15 m."""
-
+HINT_REACH = 30  # Points of the centre line on both sides of a hint that are searched: 15 m
+# Smallest ratio of lengths at an offset and on the centre line: beyond the centre of a bend there
+# is none
 MIN_STRETCH = 0.2
-"""Smallest ratio of lengths at an offset and on the centre line: beyond the centre of a bend there
-is none."""
 
 
 @dataclass(frozen=True, slots=True)
 class RoadPoint:
-    """Where a point lies on the road.
+    """Where a point lies on the road."""
 
-    Attributes:
-        s: Arc length along the centre line [m], 0 at the start.
-        d: Distance to the left of the centre line [m].
-        heading: Direction of the centre line there [rad].
-        curvature: Of the centre line, positive to the left [1/m].
-        index: Nearest point of the centre line, a hint for the next look-up.
-        left_edge: `d` of the left-hand edge there [m].
-    """
-
-    s: float
-    d: float
-    heading: float
-    curvature: float
-    index: int
-    left_edge: float = HALF_WIDTH
+    s: float  # Arc length along the centre line [m], 0 at the start
+    d: float  # Distance to the left of the centre line [m]
+    heading: float  # Direction of the centre line there [rad]
+    curvature: float  # Of the centre line, positive to the left [1/m]
+    index: int  # Nearest point of the centre line, a hint for the next look-up
+    left_edge: float = HALF_WIDTH  # `d` of the left-hand edge there [m]
 
 
 class Road:

@@ -11,36 +11,36 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array
+from irl_dal.envs.arrays import Array, Colour
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
-from irl_dal.envs.world import Colour, World
+from irl_dal.envs.world import World
 
 Strip = tuple[Array, NDArray[np.int64]]
 
-STEP = 3.0
-"""Edge length of the road's triangles along it [m]."""
-
-PIECE = 30.0
-"""Length of road drawn as one piece [m]."""
-
-BEHIND, AHEAD = 15.0, 75.0
-"""How far around the car the road is drawn [m]."""
-
-DASH, GAP = 3.0, 4.5
-"""Dashed lane line: painted and unpainted length [m]."""
-
+STEP = 3.0  # Edge length of the road's triangles along it [m]
+PIECE = 30.0  # Length of road drawn as one piece [m]
+BEHIND, AHEAD = 15.0, 75.0  # How far around the car the road is drawn [m]
+DASH, GAP = 3.0, 4.5  # Dashed lane line: painted and unpainted length [m]
+# White lines and the yellow centre line [m], as wide as a double line with its gap
 LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40
-"""White lines and the yellow centre line [m], as wide as a double line with its gap."""
-
+# Middle of the solid white line at the edge, from the centre line [m]
 EDGE_LINE = HALF_WIDTH - 0.15
-"""Middle of the solid white line at the edge, from the centre line [m]."""
-
-GUTTER = 0.4
-"""Width of the kerb [m]."""
-
+GUTTER = 0.4  # Width of the kerb [m]
+# Height of the lines above the ground [m]: the renderer's depth buffer needs the distance
 PAINT = 0.04
-"""Height of the lines above the ground [m]: the renderer's depth buffer needs the distance."""
-
+SURFACE = 0.02  # Height of asphalt and kerb above the ground [m], for the same reason
+TWO_LANES = 1.8 * LANE_WIDTH  # Width of the other direction [m] from which it has a dashed line
+BEYOND_GOAL = 60.0  # Houses and trees stand up to here behind the goal [m]
+# Distance along the road between two of them, and what is added to their distance from it [m]
+SPREAD, SETBACK = (8.0, 22.0), 6.0
+HOUSES = 0.4  # Share of houses; the others are trees
+HOUSE_ROOM, TREE_ROOM = 6.0, 2.0  # Least distance between the edge and a wall or a crown [m]
+SMALLEST_HOUSE, LARGEST_HOUSE = (8.0, 6.0, 4.0), (16.0, 10.0, 10.0)  # Width, depth, height [m]
+# Radius of the trunk, radius of the crown, height [m]
+SMALLEST_TREE, LARGEST_TREE = (0.15, 1.0, 3.5), (0.30, 2.2, 7.0)
+DARKEST_WALL, BRIGHTEST_WALL = (0.45, 0.35, 0.30), (0.75, 0.65, 0.60)
+GREENS = (0.26, 0.42)
+BARK: Colour = (0.30, 0.22, 0.15)
 ASPHALT: Colour = (0.27, 0.27, 0.29)
 KERB: Colour = (0.52, 0.52, 0.50)
 WHITE: Colour = (0.92, 0.92, 0.92)
@@ -60,33 +60,19 @@ def ribbon(left: Array, right: Array, height: float) -> Strip:
 
 @dataclass(frozen=True, slots=True)
 class Plant:
-    """A house or a tree.
+    """A house or a tree."""
 
-    Attributes:
-        x: Position [m].
-        y: Position [m].
-        yaw: Direction of its walls [rad].
-        size: Width, depth, height of a house; trunk radius, crown radius, height of a tree [m].
-        colour: Of walls or crown.
-        tree: Which of the two it is.
-    """
-
-    x: float
-    y: float
-    yaw: float
+    x: float  # Position [m]
+    y: float  # Position [m]
+    yaw: float  # Direction of its walls [rad]
+    # Width, depth, height of a house; trunk radius, crown radius, height of a tree [m]
     size: tuple[float, float, float]
-    colour: Colour
-    tree: bool
+    colour: Colour  # Of walls or crown
+    tree: bool  # Which of the two it is
 
 
 class Scenery:
-    """Keeps the pieces of road around the car in the world.
-
-    Args:
-        world: Where to draw.
-        road: What to draw.
-        rng: Source of the places, sizes and colours of houses and trees.
-    """
+    """Keeps the pieces of road around the car in the world, with the houses and trees beside."""
 
     def __init__(self, world: World, road: Road, rng: np.random.Generator) -> None:
         self._world = world
@@ -116,35 +102,29 @@ class Scenery:
         stop = min((piece + 1) * PIECE, float(road.s[-1]))
         if stop - start < 1.0:
             return []
-        period = DASH + GAP
+        period, end = DASH + GAP, float(road.s[-1])
         dashes = np.arange(np.ceil(start / period) * period, stop, period)
         offsets = [-LANE_WIDTH]
-        if float(np.interp([start, stop], road.s, road.left_edge).min()) > 1.8 * LANE_WIDTH:
+        if float(np.interp([start, stop], road.s, road.left_edge).min()) > TWO_LANES:
             offsets.append(LANE_WIDTH)
-        broken = [
-            self._strip(s, min(s + DASH, float(road.s[-1])), d, LINE_WIDTH, PAINT)
+        dashed = [
+            self._strip(s, min(s + DASH, end), d, LINE_WIDTH, PAINT)
             for s in dashes
             for d in offsets
         ]
         inset = HALF_WIDTH - EDGE_LINE
         edges = [
             self._strip(start, stop, -EDGE_LINE, LINE_WIDTH, PAINT),
-            ribbon(
-                road.left_line(start, stop, inset - 0.5 * LINE_WIDTH, STEP),
-                road.left_line(start, stop, inset + 0.5 * LINE_WIDTH, STEP),
-                PAINT,
+            self._left_strip(
+                start, stop, inset - 0.5 * LINE_WIDTH, inset + 0.5 * LINE_WIDTH, PAINT
             ),
         ]
         kerbs = [
-            self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, 0.02),
-            ribbon(
-                road.left_line(start, stop, -GUTTER, STEP),
-                road.left_line(start, stop, 0.0, STEP),
-                0.02,
-            ),
+            self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, SURFACE),
+            self._left_strip(start, stop, -GUTTER, 0.0, SURFACE),
         ]
         return [
-            self._mesh(edges + broken, WHITE),
+            self._mesh(edges + dashed, WHITE),
             self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
             self._mesh([self._bed(start, stop)], ASPHALT),
             self._mesh(kerbs, KERB),
@@ -154,12 +134,19 @@ class Scenery:
         """The road from edge to edge."""
         left = self._road.left_line(start, stop, 0.0, STEP)
         right = self._road.line(start, stop, -HALF_WIDTH, STEP)
-        return ribbon(left, right, 0.02)
+        return ribbon(left, right, SURFACE)
 
     def _strip(self, start: float, stop: float, d: float, width: float, height: float) -> Strip:
         left = self._road.line(start, stop, d + 0.5 * width, STEP)
         right = self._road.line(start, stop, d - 0.5 * width, STEP)
         return ribbon(left, right, height)
+
+    def _left_strip(
+        self, start: float, stop: float, outer: float, inner: float, height: float
+    ) -> Strip:
+        """Strip between two insets from the left-hand edge [m]."""
+        left = self._road.left_line(start, stop, outer, STEP)
+        return ribbon(left, self._road.left_line(start, stop, inner, STEP), height)
 
     def _mesh(self, strips: list[Strip], colour: Colour) -> int:
         offsets = np.cumsum([0] + [len(v) for v, _ in strips[:-1]])
@@ -170,16 +157,13 @@ class Scenery:
     def _plan(self, rng: np.random.Generator) -> None:
         """Choose houses at least 6 m and trees at least 3 m from the edge of the road."""
         s = 0.0
-        while s < self._road.length + 60.0:
-            s += float(rng.uniform(8.0, 22.0))
-            plant, room = _house(rng) if rng.random() < 0.4 else _tree(rng)
+        while s < self._road.length + BEYOND_GOAL:
+            s += float(rng.uniform(*SPREAD))
+            plant, room = _house(rng) if rng.random() < HOUSES else _tree(rng)
             side = float(rng.choice([-1.0, 1.0]))
-            edge = (
-                HALF_WIDTH
-                if side < 0.0
-                else float(np.interp(s, self._road.s, self._road.left_edge))
-            )
-            d = side * (edge + room + float(rng.uniform(0.0, 6.0)))
+            left = float(np.interp(s, self._road.s, self._road.left_edge))
+            edge = HALF_WIDTH if side < 0.0 else left
+            d = side * (edge + room + float(rng.uniform(0.0, SETBACK)))
             x, y, yaw = self._road.pose(s, d)
             away = np.hypot(*(self._road.points - (x, y)).T).min()
             if away < min(abs(d) - 0.5, HALF_WIDTH + room):
@@ -190,7 +174,7 @@ class Scenery:
     def _build(self, plant: Plant) -> list[int]:
         width, depth, height = plant.size
         if plant.tree:
-            trunk = self._world.cylinder(width, 0.4 * height, (0.30, 0.22, 0.15))
+            trunk = self._world.cylinder(width, 0.4 * height, BARK)
             crown = self._world.cylinder(depth, 0.65 * height, plant.colour, solid=False)
             self._world.move(trunk, (plant.x, plant.y, 0.2 * height), plant.yaw)
             self._world.move(crown, (plant.x, plant.y, 0.65 * height), plant.yaw)
@@ -202,13 +186,15 @@ class Scenery:
 
 def _house(rng: np.random.Generator) -> tuple[Plant, float]:
     """A house somewhere, and how far from the edge its middle has to be [m]."""
-    width, depth, height = (float(v) for v in rng.uniform((8.0, 6.0, 4.0), (16.0, 10.0, 10.0)))
-    r, g, b = (float(v) for v in rng.uniform((0.45, 0.35, 0.30), (0.75, 0.65, 0.60)))
-    return Plant(0.0, 0.0, 0.0, (width, depth, height), (r, g, b), tree=False), 6.0 + 0.5 * depth
+    width, depth, height = (float(v) for v in rng.uniform(SMALLEST_HOUSE, LARGEST_HOUSE))
+    r, g, b = (float(v) for v in rng.uniform(DARKEST_WALL, BRIGHTEST_WALL))
+    return Plant(
+        0.0, 0.0, 0.0, (width, depth, height), (r, g, b), tree=False
+    ), HOUSE_ROOM + 0.5 * depth
 
 
 def _tree(rng: np.random.Generator) -> tuple[Plant, float]:
-    trunk, crown, height = (float(v) for v in rng.uniform((0.15, 1.0, 3.5), (0.30, 2.2, 7.0)))
-    green = float(rng.uniform(0.26, 0.42))
+    trunk, crown, height = (float(v) for v in rng.uniform(SMALLEST_TREE, LARGEST_TREE))
+    green = float(rng.uniform(*GREENS))
     colour = (0.45 * green, green, 0.35 * green)
-    return Plant(0.0, 0.0, 0.0, (trunk, crown, height), colour, tree=True), 2.0 + crown
+    return Plant(0.0, 0.0, 0.0, (trunk, crown, height), colour, tree=True), TREE_ROOM + crown

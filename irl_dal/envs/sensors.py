@@ -6,27 +6,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.envs.arrays import Array
+from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.road import HOME_LANE, Road, RoadPoint
 from irl_dal.envs.vehicle import VehicleState
-from irl_dal.envs.world import CameraPose, Illumination, World
+from irl_dal.envs.world import CameraPose, World
 from shield import LaneMeasurement, ScannerGeometry
 
 
 class Lidar:
-    """Flat scanner in the middle of the front bumper.
+    """Flat scanner; `noise` is a reading's deviation [m], `dropout` the share of lost readings."""
 
-    Args:
-        world: World to scan.
-        geometry: Beams, field of view, range and mount.
-        noise: Standard deviation of a reading [m].
-        dropout: Probability that a beam returns nothing.
-    """
-
-    HEIGHT = 0.6
-    """Above the ground [m]: over the kerbs, under the bonnet's edge."""
-
-    GAP = 0.01
-    """From the mount to where the rays begin [m], outside the car's own body."""
+    HEIGHT = 0.6  # Above the ground [m]: over the kerbs, under the bonnet's edge
+    GAP = 0.01  # From the mount to where the rays begin [m], outside the car's own body
 
     def __init__(
         self, world: World, geometry: ScannerGeometry, noise: float, dropout: float
@@ -57,22 +48,12 @@ class Lidar:
 
 
 class Camera:
-    """Colour camera on a bar above the front bumper, looking slightly down.
+    """Square colour camera of `size` [px] above the front bumper; pixels have `noise` [1/255]."""
 
-    Args:
-        world: World to see.
-        size: Edge length of the square image [px].
-        noise: Standard deviation of a pixel's value [1/255].
-    """
-
-    FORWARD, HEIGHT = 3.3, 1.6
-    """Mounting point from the rear axle and above the ground [m]."""
-
+    FORWARD, HEIGHT = 3.3, 1.6  # Mounting point from the rear axle and above the ground [m]
+    # [deg]; from the middle of the home lane the yellow line enters the picture 9.6 m ahead
     FIELD_OF_VIEW = 80.0
-    """[deg]; from the middle of the home lane the yellow line enters the picture 9.6 m ahead."""
-
-    PITCH = 0.19
-    """Of the axis below the horizon [rad]."""
+    PITCH = 0.19  # Of the axis below the horizon [rad]
 
     def __init__(self, world: World, size: int, noise: float) -> None:
         self._world = world
@@ -102,21 +83,14 @@ class Camera:
 class LaneSensor:
     """Lane pose and shape as a lane camera reports them: odometry with noise.
 
-    The shape is the clothoid `curvature + curvature_rate · s` that fits the next 25 m best.
-
-    Args:
-        road: The road that is measured.
-        offset_noise: Standard deviation of the lateral offset [m].
+    The shape is the clothoid `curvature + curvature_rate · s` that fits the next 25 m best;
+    `offset_noise` is the deviation of the lateral offset [m].
     """
 
-    PREVIEW = 25.0
-    """[m]"""
-
+    PREVIEW = 25.0  # [m]
+    # Standard deviations of the heading error [rad] and of the curvature [1/m]
     HEADING_NOISE, CURVATURE_NOISE = 0.01, 1e-3
-    """Standard deviations of the heading error [rad] and of the curvature [1/m]."""
-
-    DROPOUT = 0.02
-    """Probability that a measurement is missing."""
+    DROPOUT = 0.02  # Probability that a measurement is missing
 
     def __init__(self, road: Road, offset_noise: float) -> None:
         self._road = road

@@ -24,55 +24,33 @@ from irl_dal.envs.track_file import TrackError, TrackFile
 __all__ = ["Track", "TrackError"]
 
 
-SHOULDER = 0.3
-"""Least width beyond the yellow line [m]."""
-
+SHOULDER = 0.3  # Least width beyond the yellow line [m]
+# Of the yellow line after smoothing in bends to the left, where the own lanes are wider, and to the
+# right [m], where the edge is 7 m nearer to their centre
 MIN_LEFT_RADIUS, MIN_RADIUS = 5.0, 8.0
-"""Of the yellow line after smoothing in bends to the left, where the own lanes are wider, and to
-the right [m], where the edge is 7 m nearer to their centre."""
-
+# Of the yellow line in bends to the right [m], whose home lane is 5.25 m nearer to their centre:
+# where the file's line is tighter, the lanes swing to the left as far as it is wide
 MIN_RIGHT_RADIUS = 16.0
-"""Of the yellow line in bends to the right [m], whose home lane is 5.25 m nearer to their centre:
-where the file's line is tighter, the lanes swing to the left as far as it is wide."""
-
-PUSH_LENGTH = 10.0
-"""Standard deviation of such a move along the road [m]."""
-
+PUSH_LENGTH = 10.0  # Standard deviation of such a move along the road [m]
+# Most moves, and the length of each where the line is tightest [m]: 30 m in all
 PUSHES, PUSH = 60, 0.5
-"""Most moves, and the length of each where the line is tightest [m]: 30 m in all."""
-
-EDGE_SHARE = 0.8
-"""The left-hand edge stays within this share of the radius of a bend to the left."""
-
-MIN_SAMPLES = 4
-"""Fewest points of a resampled line: a periodic cubic needs them."""
-
-FLAT = 1e-9
-"""Curvature that is none [1/m]; keeps divisions finite."""
-
+EDGE_SHARE = 0.8  # The left-hand edge stays within this share of the radius of a bend to the left
+MIN_SAMPLES = 4  # Fewest points of a resampled line: a periodic cubic needs them
+FLAT = 1e-9  # Curvature that is none [1/m]; keeps divisions finite
+# Standard deviation of the Gaussian that takes the surveying noise out of the line [m]
 SMOOTHING = 4.0
-"""Standard deviation of the Gaussian that takes the surveying noise out of the line [m]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """The whole road of a file, every 0.5 m.
+    """The whole road of a file, every 0.5 m."""
 
-    Attributes:
-        name: Of the file.
-        points: Yellow centre line (n, 2) [m].
-        heading: Its direction (n,) [rad], without jumps.
-        curvature: Its curvature (n,) [1/m].
-        left_edge: Distance from it to the left-hand edge (n,) [m].
-        closed: Whether the last point leads to the first.
-    """
-
-    name: str
-    points: Array
-    heading: Array
-    curvature: Array
-    left_edge: Array
-    closed: bool
+    name: str  # Of the file
+    points: Array  # Yellow centre line (n, 2) [m]
+    heading: Array  # Its direction (n,) [rad], without jumps
+    curvature: Array  # Its curvature (n,) [1/m]
+    left_edge: Array  # Distance from it to the left-hand edge (n,) [m]
+    closed: bool  # Whether the last point leads to the first
 
     @property
     def length(self) -> float:

@@ -20,34 +20,21 @@ __all__ = ["COLUMNS", "TrackError", "TrackFile"]
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 
+# Of both sides together [m]: narrower than a car needs, wider than an airfield's runway
 MIN_WIDTH, MAX_WIDTH = 4.0, 100.0
-"""Of both sides together [m]: narrower than a car needs, wider than an airfield's runway."""
-
-MAX_STEP = 5_000.0
-"""Between two points [m]; a longer one is a slip of the pen, not a straight."""
-
+MAX_STEP = 5_000.0  # Between two points [m]; a longer one is a slip of the pen, not a straight
+# Points are moved by multiples of this [m], the first one to half of it from the origin at most:
+# the renderer has single precision, in which map coordinates of 5,000 km have steps of 0.5 m
 GRID = 10_000.0
-"""Points are moved by multiples of this [m], the first one to half of it from the origin at most:
-the renderer has single precision, in which map coordinates of 5,000 km have steps of 0.5 m."""
-
-REPEATED = 1e-6
-"""Points closer than this are the same [m]."""
-
-CLOSING = 0.1
-"""A last point this near to the first repeats it, rounded [m]."""
-
-OVERLAP = 1.0
-"""A line that passes its own first point within this distance begins a second lap [m]."""
-
-USUAL_GAP = 1.8
-"""Ends no further apart than so many median steps close the line."""
-
+REPEATED = 1e-6  # Points closer than this are the same [m]
+CLOSING = 0.1  # A last point this near to the first repeats it, rounded [m]
+OVERLAP = 1.0  # A line that passes its own first point within this distance begins a second lap [m]
+USUAL_GAP = 1.8  # Ends no further apart than so many median steps close the line
+# Largest turn into and out of the gap between the ends of a closed line [rad]: where the gap is no
+# longer than the longest step, and no longer than `STRAIGHT_SHARE` of the file. TUM's 24 raw
+# circuits have gaps of up to 57 median steps and turns of at most 38 degrees; the one gap longer
+# than the longest step, 13 % of its circuit, has turns of 1 degree.
 LONGEST_TURN, STRAIGHT_TURN = math.radians(45.0), math.radians(10.0)
-"""Largest turn into and out of the gap between the ends of a closed line [rad]: where the gap is no
-longer than the longest step, and no longer than `STRAIGHT_SHARE` of the file. TUM's 24 raw circuits
-have gaps of up to 57 median steps and turns of at most 38 degrees; the one gap longer than the
-longest step, 13 % of its circuit, has turns of 1 degree."""
-
 STRAIGHT_SHARE = 0.2
 
 
@@ -57,22 +44,15 @@ class TrackError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class TrackFile:
-    """The points of a file.
+    """The points of a file."""
 
-    Attributes:
-        path: Of the file.
-        points: Centre line (n, 2) [m], moved to the origin by multiples of `GRID`; a closed line
-            does not repeat its first point.
-        widths: From it to the right and to the left edge (n, 2) [m].
-        lines: Line of the file that each point stands in.
-        closed: Whether the last point leads to the first.
-    """
-
-    path: Path
+    path: Path  # Of the file
+    # Centre line (n, 2) [m], moved to the origin by multiples of `GRID`; a closed line does not
+    # repeat its first point
     points: Array
-    widths: Array
-    lines: tuple[int, ...]
-    closed: bool
+    widths: Array  # From it to the right and to the left edge (n, 2) [m]
+    lines: tuple[int, ...]  # Line of the file that each point stands in
+    closed: bool  # Whether the last point leads to the first
 
     @classmethod
     def read(cls, path: str | Path) -> TrackFile:

@@ -3,7 +3,7 @@
 Standing cars and barrels and slow cars are in the ego's own lane, oncoming cars in the others, and
 pedestrians cross. There is always an admissible way: nothing stands or drives in the passing lane,
 obstacles in the home lane keep a distance in which the car can go back to it, and a pedestrian
-steps onto the ego's lanes only where the ego can stop in front of him at 2 m/s^2.
+enters the ego's lanes only where the ego can stop before the crossing at 2 m/s^2.
 """
 
 from __future__ import annotations
@@ -13,107 +13,104 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from irl_dal.envs.arrays import Colour
 from irl_dal.envs.pedestrian import Crossing, draw_crossing
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
-from irl_dal.envs.world import Colour, World
+from irl_dal.envs.world import World
 from shield import VehicleGeometry
 
-ACTIVE = 85.0
-"""Distance from the ego beyond which nothing has a body [m]: the camera sees 75 m."""
-
+ACTIVE = 85.0  # Distance from the ego beyond which nothing has a body [m]: the camera sees 75 m
+# Distance to the ego at which a slow car begins to drive [m]: else it would not be met
 PULL_OUT = 60.0
-"""Distance to the ego at which a slow car begins to drive [m]: else it would not be met."""
-
-HIDING = 25.0
-"""Distance behind a pedestrian in which a slow car could hide him from the ego [m]."""
-
+# A slow car this far before or behind a crossing hides the pedestrian from the ego [m]
+HIDING, HIDDEN_AHEAD = 25.0, 4.0
+# Standing obstacles this far behind or before a crossing would hide it [m]
+SHADOW_BEFORE, SHADOW_BEHIND = 14.0, 28.0
+# Between two crossings, from the start to the first and from the last to the goal [m]
+CROSSING_GAP, FIRST_CROSSING, LAST_CROSSING = 30.0, 45.0, 10.0
+# From the start to the first obstacle of the home lane and from the last to the goal [m]: room to
+# reach the cruising speed, and to return to the lane
+FIRST_OBSTACLE, LAST_OBSTACLE = 40.0, 25.0
+# Standing obstacles are not put where the centre line bends more than this [1/m]
 WIDEST_BEND = 1.0 / 20.0
-"""Standing obstacles are not put where the centre line bends more than this [1/m]."""
+# Stretch of road around a standing obstacle that must not bend, and step of its search [m]
+CALM_BEFORE, CALM_BEHIND, CALM_STEP = 15.0, 10.0, 2.0
+# Largest offset of a standing obstacle in its lane [m]; share of barrels among them
+SIDEWAYS, BARRELS = 0.4, 0.4
+# Of slow cars, and of oncoming cars in their passing and home lane [m/s]
+SLOW_SPEEDS, INNER_SPEED, OUTER_SPEED = (2.0, 5.0), -7.0, -6.0
+# Oncoming cars begin on so many route lengths, from here on [m]; some beyond the road's end
+ONCOMING_SPAN, ONCOMING_START = 2.0, 30.0
+# Least distance between two oncoming cars of a lane, and mean of what is added to it at one car per
+# 100 m [m]
+ONCOMING_GAP, ONCOMING_SPREAD = 15.0, 60.0
+# Share of a lane's width that has to be free on both sides of its centre for oncoming traffic
+LANE_SHARE = 0.45
+CROSSING_WIDTH = 2.4  # A car brakes for a pedestrian nearer than this to its own line [m]
+# Share of a lane's width within which the ego is ahead of a car and not beside it
+EGO_BESIDE = 0.75
+ACCELERATION, DECELERATION = 2.0, 5.0  # Of other cars at most [m/s^2]
+# Length, width and height of barrels, footprint and heights of pedestrians [m]
+BARREL, PEDESTRIAN, PEDESTRIAN_HEIGHTS = (0.7, 0.7, 1.1), (0.5, 0.5), (1.6, 1.9)
+SMALLEST_CAR, LARGEST_CAR = (3.8, 1.65, 1.40), (4.9, 1.95, 1.65)  # Length, width and height [m]
+PLACEMENTS = 20  # Places tried for each pedestrian
+ORANGE: Colour = (0.90, 0.40, 0.08)
+MAGENTA: Colour = (0.85, 0.15, 0.60)
+SKIN: Colour = (0.80, 0.60, 0.48)
+GLASS: Colour = (0.13, 0.15, 0.19)
+PAINTS: tuple[Colour, ...] = (
+    (0.16, 0.24, 0.52),
+    (0.78, 0.78, 0.80),
+    (0.10, 0.10, 0.11),
+    (0.20, 0.42, 0.30),
+)
 
 
 @dataclass(slots=True)
 class Obstacle:
-    """One body on the road.
+    """One body on the road."""
 
-    Attributes:
-        kind: "car", "barrel" or "pedestrian".
-        size: Length, width, height [m].
-        s: Arc length of its centre along the centre line [m].
-        d: Offset of its centre to the left of the centre line [m].
-        cruise: Speed it would like along the road [m/s]; negative for oncoming traffic.
-        speed: Speed it has [m/s].
-        bodies: Its bodies in the world; none far from the ego.
-        crossing: How a pedestrian crosses.
-    """
-
-    kind: str
-    size: tuple[float, float, float]
-    s: float
-    d: float
-    cruise: float = 0.0
-    speed: float = 0.0
-    bodies: tuple[int, ...] = ()
-    crossing: Crossing | None = None
+    kind: str  # "car", "barrel" or "pedestrian"
+    size: tuple[float, float, float]  # Length, width, height [m]
+    s: float  # Arc length of its centre along the centre line [m]
+    d: float  # Offset of its centre to the left of the centre line [m]
+    cruise: float = 0.0  # Cruising speed along the road [m/s]; negative for oncoming traffic
+    speed: float = 0.0  # Present speed along the road [m/s]
+    bodies: tuple[int, ...] = ()  # Its bodies in the world; none far from the ego
+    crossing: Crossing | None = None  # The way of a pedestrian across the road
 
     @property
     def colour(self) -> Colour:
         """Barrels are orange, pedestrians magenta; cars have the colour of their size."""
-        if self.kind == "barrel":
-            return (0.90, 0.40, 0.08)
-        if self.kind == "pedestrian":
-            return (0.85, 0.15, 0.60)
-        shades: Sequence[Colour] = (
-            (0.16, 0.24, 0.52),
-            (0.78, 0.78, 0.80),
-            (0.10, 0.10, 0.11),
-            (0.20, 0.42, 0.30),
-        )
-        return shades[int(self.size[0] * 100.0) % len(shades)]
+        if self.kind != "car":
+            return ORANGE if self.kind == "barrel" else MAGENTA
+        return PAINTS[int(self.size[0] * 100.0) % len(PAINTS)]
 
 
 @dataclass(frozen=True, slots=True)
 class TrafficDensity:
-    """How much there is on the road, per 100 m.
+    """How much there is on the road, per 100 m."""
 
-    Attributes:
-        standing: Standing cars and barrels in the home lane.
-        slow: Slow cars to overtake in the home lane.
-        oncoming: Cars in the other direction's lanes.
-        pedestrians: Pedestrians who cross.
-        min_gap: Smallest free distance between two obstacles of the home lane [m].
-    """
-
-    standing: float
-    slow: float
-    oncoming: float
-    pedestrians: float
-    min_gap: float
+    standing: float  # Standing cars and barrels in the home lane
+    slow: float  # Slow cars to overtake in the home lane
+    oncoming: float  # Cars in the other direction's lanes
+    pedestrians: float  # Crossing pedestrians
+    min_gap: float  # Smallest free distance between two obstacles of the home lane [m]
 
 
+# `easy`: a first drive. `paper`: the default. `hard`: little room between two manoeuvres.
 DENSITY = {
     "easy": TrafficDensity(standing=0.6, slow=0.0, oncoming=0.4, pedestrians=0.05, min_gap=70.0),
     "paper": TrafficDensity(standing=1.0, slow=0.3, oncoming=0.8, pedestrians=0.12, min_gap=50.0),
     "hard": TrafficDensity(standing=1.5, slow=0.6, oncoming=1.5, pedestrians=0.4, min_gap=38.0),
 }
-"""`easy`: a first drive. `paper`: the default. `hard`: little room between two manoeuvres."""
 
 
 class Traffic:
-    """Places obstacles and moves those that move.
+    """Places obstacles and moves those that move."""
 
-    Args:
-        world: Where they live.
-        road: Road they keep to.
-        density: How many of them.
-        rng: Source of their places, sizes and speeds.
-        vehicle: Outline of the ego car.
-    """
-
-    HEADWAY = 1.2
-    """Time gap that a following car keeps [s]."""
-
-    STANDOFF = 5.0
-    """Free distance at which it stands behind an obstacle [m]."""
+    HEADWAY = 1.2  # Time gap that a following car keeps [s]
+    STANDOFF = 5.0  # Free distance at which it stands behind an obstacle [m]
 
     def __init__(
         self,
@@ -132,17 +129,11 @@ class Traffic:
             self._place(obstacle, 0.0)
 
     def step(self, dt: float, ego: RoadPoint, speed: float) -> None:
-        """Move what moves by `dt` [s]; everybody keeps a distance, to the ego car too.
-
-        Args:
-            dt: Period [s].
-            ego: Where the ego's rear axle is.
-            speed: Of the ego [m/s].
-        """
+        """Move what moves by `dt` [s]; cars keep a distance to the ego, which has `speed` [m/s]."""
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
                 gap = obstacle.s - ego.s - self._vehicle.front_bumper
-                wait = any(self._keeps_waiting(car, obstacle.s) for car in self.obstacles)
+                wait = any(_hides(car, obstacle.s) for car in self.obstacles)
                 obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
                 continue
@@ -151,14 +142,6 @@ class Traffic:
                 obstacle.s += obstacle.speed * dt
             self._place(obstacle, ego.s)
 
-    def bodies_near(self, s: float, reach: float = 15.0) -> list[int]:
-        """Bodies of what is within `reach` [m] of `s`."""
-        return [o.bodies[0] for o in self.obstacles if o.bodies and abs(o.s - s) < reach]
-
-    def _keeps_waiting(self, car: Obstacle, s: float) -> bool:
-        """Whether a pedestrian at `s` lets a slow car pass: it would hide him from the ego."""
-        return car.cruise > 0.0 and -4.0 < s - car.s < HIDING
-
     def _follow(self, car: Obstacle, ego: RoadPoint, dt: float) -> float:
         """Speed that keeps a distance to what is ahead in the car's own direction [m/s]."""
         way = 1.0 if car.cruise > 0.0 else -1.0
@@ -166,29 +149,24 @@ class Traffic:
             way * (other.s - car.s) - 0.5 * (other.size[0] + car.size[0])
             for other in self.obstacles
             if way * (other.s - car.s) > 0.0
-            and abs(other.d - car.d) < (2.4 if other.crossing else 0.5 * LANE_WIDTH)
+            and abs(other.d - car.d) < (CROSSING_WIDTH if other.crossing else 0.5 * LANE_WIDTH)
             and other.d > -HALF_WIDTH
         ]
-        if way > 0.0 and ego.s > car.s and abs(ego.d - car.d) < 0.75 * LANE_WIDTH:
+        if way > 0.0 and ego.s > car.s and abs(ego.d - car.d) < EGO_BESIDE * LANE_WIDTH:
             gaps.append(ego.s - self._vehicle.rear_overhang - car.s - 0.5 * car.size[0])
-        wanted = abs(car.cruise)
+        target = abs(car.cruise)
         if gaps:
-            wanted = min(wanted, max(0.0, (min(gaps) - self.STANDOFF) / self.HEADWAY))
+            target = min(target, max(0.0, (min(gaps) - self.STANDOFF) / self.HEADWAY))
         now = abs(car.speed)
-        return way * min(now + 2.0 * dt, max(wanted, now - 5.0 * dt))
+        return way * min(now + ACCELERATION * dt, max(target, now - DECELERATION * dt))
 
     def _own_lane(self, density: TrafficDensity, rng: np.random.Generator) -> list[Obstacle]:
-        """Obstacles of the home lane from 40 m after the start to 25 m before the goal."""
-        start, stop = 40.0, self._road.length - 25.0
+        """Obstacles of the home lane, as many as the density says and the gaps allow."""
+        start, stop = FIRST_OBSTACLE, self._road.length - LAST_OBSTACLE
         room = max(0.0, stop - start)
-        count = max(
-            1,
-            min(
-                round(room / 100.0 * (density.standing + density.slow)),
-                int(room / density.min_gap) + 1,
-            ),
-        )
-        share = density.slow / (density.standing + density.slow)
+        total = density.standing + density.slow
+        count = max(1, min(round(room / 100.0 * total), int(room / density.min_gap) + 1))
+        share = density.slow / total
         slack = np.sort(rng.uniform(0.0, max(0.0, room - (count - 1) * density.min_gap), count))
         drawn = start + slack + density.min_gap * np.arange(count)
         places = [self._calm_place(float(s), stop) for s in drawn]
@@ -200,8 +178,8 @@ class Traffic:
     def _calm_place(self, s: float, stop: float) -> float:
         """`s`, or the next place before `stop` around which the road does not bend too much [m]."""
         road = self._road
-        for place in np.arange(s, max(stop, s + 0.5), 2.0):
-            around = (road.s > place - 15.0) & (road.s < place + 10.0)
+        for place in np.arange(s, max(stop, s + 0.5), CALM_STEP):
+            around = (road.s > place - CALM_BEFORE) & (road.s < place + CALM_BEHIND)
             if np.abs(road.curvature[around]).max(initial=0.0) < WIDEST_BEND:
                 return float(place)
         return s
@@ -210,43 +188,45 @@ class Traffic:
         self, density: TrafficDensity, own: Sequence[Obstacle], rng: np.random.Generator
     ) -> list[Obstacle]:
         """Pedestrians, none of them hidden by what stands in the home lane."""
-        wanted = self._road.length / 100.0 * density.pedestrians
-        count = int(wanted) + int(rng.random() < wanted % 1.0)
-        people: list[Obstacle] = []
-        for _ in range(20 * count):
-            s = float(rng.uniform(45.0, self._road.length - 10.0))
+        number = self._road.length / 100.0 * density.pedestrians
+        count = int(number) + int(rng.random() < number % 1.0)
+        drawn: list[Obstacle] = []
+        for _ in range(PLACEMENTS * count):
+            s = float(rng.uniform(FIRST_CROSSING, self._road.length - LAST_CROSSING))
             crossing = draw_crossing(rng, float(np.interp(s, self._road.s, self._road.left_edge)))
-            hidden = any(-14.0 < s - o.s < 28.0 and o.cruise == 0.0 for o in own)
-            if len(people) < count and not hidden and all(abs(s - p.s) > 30.0 for p in people):
-                person = (0.5, 0.5, float(rng.uniform(1.6, 1.9)))
-                people.append(Obstacle("pedestrian", person, s, crossing.start, crossing=crossing))
-        return people
+            hidden = any(-SHADOW_BEFORE < s - o.s < SHADOW_BEHIND and o.cruise == 0.0 for o in own)
+            apart = all(abs(s - other.s) > CROSSING_GAP for other in drawn)
+            if len(drawn) < count and not hidden and apart:
+                size = (*PEDESTRIAN, float(rng.uniform(*PEDESTRIAN_HEIGHTS)))
+                drawn.append(Obstacle("pedestrian", size, s, crossing.start, crossing=crossing))
+        return drawn
 
     def _standing(self, s: float, rng: np.random.Generator) -> Obstacle:
-        d = HOME_LANE + float(rng.uniform(-0.4, 0.4))
-        if rng.random() < 0.4:
-            return Obstacle("barrel", (0.7, 0.7, 1.1), s, d)
+        d = HOME_LANE + float(rng.uniform(-SIDEWAYS, SIDEWAYS))
+        if rng.random() < BARRELS:
+            return Obstacle("barrel", BARREL, s, d)
         return Obstacle("car", _car_size(rng), s, d)
 
     def _slow_car(self, s: float, rng: np.random.Generator) -> Obstacle:
-        return Obstacle("car", _car_size(rng), s, HOME_LANE, cruise=float(rng.uniform(2.0, 5.0)))
+        size = _car_size(rng)
+        return Obstacle("car", size, s, HOME_LANE, cruise=float(rng.uniform(*SLOW_SPEEDS)))
 
     def _oncoming(self, density: TrafficDensity, rng: np.random.Generator) -> list[Obstacle]:
-        """Oncoming cars spread over the road and what they will have driven meanwhile."""
-        span = 2.0 * self._road.length
+        """Oncoming cars on the road and beyond it."""
+        span = ONCOMING_SPAN * self._road.length
         room = float(self._road.left_edge.min())
         offsets = (-PASSING_LANE, -HOME_LANE)
-        lanes = {lane: 0.0 for lane in offsets if lane + 0.45 * LANE_WIDTH < room}
+        lanes = {lane: 0.0 for lane in offsets if lane + LANE_SHARE * LANE_WIDTH < room}
         cars: list[Obstacle] = []
         if not lanes:
             return cars
         for _ in range(round(density.oncoming * span / 100.0)):
             lane = float(rng.choice(list(lanes)))
-            lanes[lane] += 15.0 + float(rng.exponential(60.0 / density.oncoming))
-            speed = -7.0 if lane == -PASSING_LANE else -6.0
-            cars.append(
-                Obstacle("car", _car_size(rng), 30.0 + lanes[lane], lane, cruise=speed, speed=speed)
-            )
+            lanes[lane] += ONCOMING_GAP + float(rng.exponential(ONCOMING_SPREAD / density.oncoming))
+            speed = INNER_SPEED if lane == -PASSING_LANE else OUTER_SPEED
+            size = _car_size(rng)
+            s = ONCOMING_START + lanes[lane]
+            cars.append(Obstacle("car", size, s, lane, cruise=speed, speed=speed))
         return cars
 
     def _build(self, obstacle: Obstacle) -> tuple[int, ...]:
@@ -255,12 +235,10 @@ class Traffic:
         if obstacle.kind == "barrel":
             return (world.cylinder(0.5 * width, height, colour),)
         if obstacle.kind == "pedestrian":
-            head = world.box((0.24, 0.22, 0.26), (0.80, 0.60, 0.48), solid=False)
+            head = world.box((0.24, 0.22, 0.26), SKIN, solid=False)
             return (world.cylinder(0.5 * width, height - 0.25, colour), head)
         body = world.box((length, width, 0.62 * height), colour)
-        cabin = world.box(
-            (0.55 * length, 0.88 * width, 0.36 * height), (0.13, 0.15, 0.19), solid=False
-        )
+        cabin = world.box((0.55 * length, 0.88 * width, 0.36 * height), GLASS, solid=False)
         return (body, cabin)
 
     def _place(self, obstacle: Obstacle, ego: float) -> None:
@@ -290,6 +268,11 @@ class Traffic:
             self._world.move(cabin, at, yaw)
 
 
+def _hides(car: Obstacle, s: float) -> bool:
+    """Whether a slow car hides a pedestrian at `s` [m] from the ego."""
+    return car.cruise > 0.0 and -HIDDEN_AHEAD < s - car.s < HIDING
+
+
 def _car_size(rng: np.random.Generator) -> tuple[float, float, float]:
-    length, width, height = rng.uniform((3.8, 1.65, 1.40), (4.9, 1.95, 1.65))
+    length, width, height = rng.uniform(SMALLEST_CAR, LARGEST_CAR)
     return float(length), float(width), float(height)

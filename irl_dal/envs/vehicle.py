@@ -1,76 +1,44 @@
-"""The ego car: four wheels under Bullet's physics, or a kinematic bicycle for quick tests.
+"""The ego car: four wheels under Bullet's physics.
 
 A low-level controller turns a command [steering, speed] into hinge and wheel motors.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from irl_dal.envs.world import World
 from shield import ActuatorLimits, VehicleGeometry
 
-WHEELBASE = ActuatorLimits().wheelbase
-"""[m], where no other is asked for."""
-
-GEOMETRY = VehicleGeometry()
-"""Outline of the car, where no other is asked for."""
-
-TRACK, WHEEL_RADIUS = 1.6, 0.33
-"""Of the body in `car.urdf` [m]."""
-
-BASE_HEIGHT = 0.45
-"""Of the centre of mass above the ground [m], in `car.urdf`."""
-
-MASS = 1500.0
-"""With the wheels [kg]."""
-
+WHEELBASE = ActuatorLimits().wheelbase  # [m], where no other is asked for
+GEOMETRY = VehicleGeometry()  # Outline of the car, where no other is asked for
+TRACK, WHEEL_RADIUS = 1.6, 0.33  # Of the body in `car.urdf` [m]
+BASE_HEIGHT = 0.45  # Of the centre of mass above the ground [m], in `car.urdf`
+MASS = 1500.0  # With the wheels [kg]
 DRIVE_ACCELERATION = 6.0
+# What the wheel motors can do [m/s^2]: above the shield's bounds, below the tyres' grip
 BRAKE_DECELERATION = 8.0
-"""What the wheel motors can do [m/s^2]: above the shield's bounds, below the tyres' grip."""
-
-SERVO_RATE = 1.2
-"""Turning rate of the steering hinges [rad/s]."""
-
-SERVO_TORQUE = 4000.0
-"""[N m]"""
-
-GRIP = 1.0
-"""Coulomb friction coefficient of the tyres."""
+SERVO_RATE = 1.2  # Turning rate of the steering hinges [rad/s]
+SERVO_TORQUE = 4000.0  # [N m]
+GRIP = 1.0  # Coulomb friction coefficient of the tyres
 
 
 @dataclass(frozen=True, slots=True)
 class VehicleState:
-    """True state of the car at the middle of its rear axle.
+    """True state of the car at the middle of its rear axle."""
 
-    Attributes:
-        x: Position [m].
-        y: Position [m].
-        yaw: Heading [rad], positive to the left.
-        speed: Forward speed [m/s].
-        yaw_rate: [rad/s].
-        lateral_speed: Sideways speed at the rear axle [m/s]: the slip.
-    """
-
-    x: float
-    y: float
-    yaw: float
-    speed: float
-    yaw_rate: float
-    lateral_speed: float
+    x: float  # Position [m]
+    y: float  # Position [m]
+    yaw: float  # Heading [rad], positive to the left
+    speed: float  # Forward speed [m/s]
+    yaw_rate: float  # [rad/s]
+    lateral_speed: float  # Sideways speed at the rear axle [m/s]: the slip
 
 
 class Vehicle:
-    """The car in the world.
-
-    Args:
-        world: Physics in which it drives.
-        wheelbase: Distance between the axles [m].
-        servo_rate: Turning rate of the steering hinges [rad/s].
-        geometry: Outline of the body.
+    """The car in the world; `servo_rate` is the turning rate of its steering hinges [rad/s].
 
     Raises:
         ValueError: The front axle would lie before the bumper.
@@ -123,14 +91,10 @@ class Vehicle:
         self.drive(0.0, speed)
 
     def drive(self, steering: float, speed: float) -> None:
-        """Set the motors for a command until the next one.
+        """Set the motors for a command [rad, m/s] of the bicycle until the next one.
 
-        The bicycle's steering angle becomes the two angles of an Ackermann axle and each wheel
-        gets the speed of its own circle, so that no tyre has to scrub.
-
-        Args:
-            steering: Angle of the bicycle's front wheel [rad].
-            speed: Speed of the rear axle's middle [m/s].
+        Its steering angle becomes the two angles of an Ackermann axle and each wheel gets the
+        speed of its own circle, so that no tyre has to scrub.
         """
         wheelbase = self._wheelbase
         curvature = float(np.tan(steering)) / wheelbase
@@ -150,9 +114,8 @@ class Vehicle:
         """Let the world go on for `duration` [s]."""
         self._world.step(duration)
 
-    def touches(self, others: Iterable[int]) -> bool:
+    def touches(self) -> bool:
         """Whether the car touches anything but the ground."""
-        del others  # the engine knows
         return bool(self._world.touching(self.body))
 
     def steering(self) -> float:
@@ -177,76 +140,3 @@ class Vehicle:
             yaw_rate=float(angular[2]),
             lateral_speed=sideways - self._centre * float(angular[2]),
         )
-
-
-class KinematicVehicle(Vehicle):
-    """A bicycle that does exactly what it is told: `env.dynamics=kinematic`.
-
-    It has the car's looks but no mass: it moves on circles of the commanded steering at the
-    commanded speed.
-
-    Args:
-        world: World in which it is seen.
-        wheelbase: Distance between the axles [m].
-        servo_rate: Turning rate of the steering [rad/s].
-    """
-
-    STEPS = 10
-    """Integration steps in one call of `advance`."""
-
-    def __init__(
-        self,
-        world: World,
-        wheelbase: float = WHEELBASE,
-        servo_rate: float = SERVO_RATE,
-        geometry: VehicleGeometry = GEOMETRY,
-    ) -> None:
-        super().__init__(world, wheelbase, servo_rate, geometry)
-        self._state = VehicleState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-        self._angle = 0.0
-        self._target = 0.0
-
-    def place(self, x: float, y: float, yaw: float, speed: float) -> None:
-        """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
-        self._state = VehicleState(x, y, yaw, speed, 0.0, 0.0)
-        self._angle = self._target = 0.0
-        self._show()
-
-    def drive(self, steering: float, speed: float) -> None:
-        """Take a command [rad, m/s]; the speed is there at once."""
-        self._target = steering
-        self._state = replace(self._state, speed=speed)
-
-    def advance(self, duration: float) -> None:
-        """Integrate the bicycle for `duration` [s]."""
-        dt = duration / self.STEPS
-        now = self._state
-        x, y, yaw, rate = now.x, now.y, now.yaw, 0.0
-        for _ in range(self.STEPS):
-            change = self._servo_rate * dt
-            self._angle += float(np.clip(self._target - self._angle, -change, change))
-            rate = now.speed * float(np.tan(self._angle)) / self._wheelbase
-            middle = yaw + 0.5 * rate * dt
-            x += now.speed * dt * float(np.cos(middle))
-            y += now.speed * dt * float(np.sin(middle))
-            yaw += rate * dt
-        self._state = VehicleState(x, y, yaw, now.speed, rate, 0.0)
-        self._show()
-
-    def touches(self, others: Iterable[int]) -> bool:
-        """Whether the car's body overlaps one of the bodies `others`."""
-        return any(self._world.overlaps(self.body, other) for other in others)
-
-    def steering(self) -> float:
-        """Angle of the bicycle's front wheel [rad]."""
-        return self._angle
-
-    def state(self) -> VehicleState:
-        """Where the car is and how it moves."""
-        return self._state
-
-    def _show(self) -> None:
-        now = self._state
-        ahead = self._centre * np.array([np.cos(now.yaw), np.sin(now.yaw)])
-        at = (now.x + float(ahead[0]), now.y + float(ahead[1]), BASE_HEIGHT)
-        self._world.move(self.body, at, now.yaw)

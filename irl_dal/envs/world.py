@@ -7,17 +7,19 @@ import os
 import string
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array
+from irl_dal.envs.arrays import Array, Colour
+from irl_dal.envs.lighting import Illumination
 
 
 @contextmanager
@@ -37,48 +39,30 @@ def _quiet() -> Iterator[None]:
 with _quiet():  # it tells its build time on stderr
     import pybullet
 
-Colour = tuple[float, float, float]
 
+# Longest integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s
+# RMS of the bicycle's; Bullet's usual 1/240 s with 50 iterations: 0.004 for six times the cost
 MAX_PHYSICS_STEP = 1.0 / 80.0
-"""Longest integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s
-RMS of the bicycle's; Bullet's usual 1/240 s with 50 iterations: 0.004 for six times the cost."""
-
+# Share of a step by which a duration may exceed whole steps: the error of a division
 ROUNDING = 1e-9
-"""Share of a step by which a duration may exceed whole steps: the error of a division."""
-
+# Of Bullet's constraint solver: with ten, the wheels stay 0.1 m/s below their set-point
 SOLVER_ITERATIONS = 20
-"""Of Bullet's constraint solver: with ten, the wheels stay 0.1 m/s below their set-point."""
-
-GRASS: Colour = (0.24, 0.42, 0.18)
-"""Of the meadow around everything."""
-
-GRAVITY = 9.81
-"""[m/s^2]"""
+GRASS: Colour = (0.24, 0.42, 0.18)  # Of the meadow around everything
+GRAVITY = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPose:
-    """Pinhole camera: where it is, where it looks, how wide it sees.
+    """Pinhole camera: where it is, where it looks, how wide it sees."""
 
-    Attributes:
-        eye: Position (3,) [m].
-        target: Point (3,) in the middle of the image [m].
-        up: Direction (3,) that is up in the image.
-        field_of_view: Vertical opening angle [deg].
-        width: Image width [px].
-        height: Image height [px].
-        near: Near clipping distance [m].
-        far: Far clipping distance [m].
-    """
-
-    eye: Sequence[float]
-    target: Sequence[float]
-    field_of_view: float
-    width: int
-    height: int
-    up: Sequence[float] = (0.0, 0.0, 1.0)
-    near: float = 0.3
-    far: float = 90.0
+    eye: Sequence[float]  # Position (3,) [m]
+    target: Sequence[float]  # Point (3,) in the middle of the image [m]
+    field_of_view: float  # Vertical opening angle [deg]
+    width: int  # Image width [px]
+    height: int  # Image height [px]
+    up: Sequence[float] = (0.0, 0.0, 1.0)  # Direction (3,) that is up in the image
+    near: float = 0.3  # Near clipping distance [m]
+    far: float = 90.0  # Far clipping distance [m]
 
     def sees_ground(self) -> NDArray[np.bool_]:
         """Which image rows (height,) look below the horizon; `up` has to be upwards."""
@@ -87,36 +71,6 @@ class CameraPose:
         half = 0.5 * self.height
         focal = half / np.tan(np.radians(0.5 * self.field_of_view))
         return np.asarray(np.arange(self.height) + 0.5 - half > focal * slope)
-
-
-@dataclass(frozen=True, slots=True)
-class Illumination:
-    """What the renderer needs to know of the light.
-
-    Attributes:
-        direction: Where the light comes from (3,), any length.
-        colour: RGB in [0, 1].
-        ambient: Share of light that falls on every face.
-        diffuse: Share of light that depends on the face's inclination.
-        sky: RGB in [0, 1] of what no body covers above the horizon.
-        brightness: Time of day that it stands for, 0 a dark evening, 1 noon.
-    """
-
-    direction: Sequence[float]
-    colour: Colour
-    ambient: float
-    diffuse: float
-    sky: Colour
-    brightness: float = 1.0
-
-    def on_ground(self, colour: Colour) -> Array:
-        """What a level surface of a colour looks like, RGB (3,) in [0, 255].
-
-        The renderer's formula: the coloured light scales only the diffuse share.
-        """
-        height = float(np.asarray(self.direction)[2] / np.linalg.norm(self.direction))
-        shade = self.ambient + self.diffuse * max(0.0, height) * np.asarray(self.colour)
-        return np.asarray(255.0 * np.asarray(colour) * shade)
 
 
 class _Lent:
@@ -140,37 +94,42 @@ class _Lent:
         return self._lent
 
 
+class _Client:
+    """Pybullet's functions with `physicsClientId` given."""
+
+    def __init__(self) -> None:
+        self.id = pybullet.connect(pybullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Callable[..., Any]:
+        return partial(getattr(pybullet, name), physicsClientId=self.id)
+
+
 class World:
     """One Bullet world in DIRECT mode; several live side by side in a process."""
 
     def __init__(self) -> None:
-        self._client: int = pybullet.connect(pybullet.DIRECT)
+        self._bullet = _Client()
+        self.is_open = True
         self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()
         self._indices: list[int] = []
 
     def clear(self) -> None:
         """Remove every body and start again with gravity and flat, invisible ground."""
-        c = self._client
-        pybullet.resetSimulation(physicsClientId=c)
+        self._bullet.resetSimulation()
         self._step = math.nan
-        pybullet.setGravity(0.0, 0.0, -GRAVITY, physicsClientId=c)
+        self._bullet.setGravity(0.0, 0.0, -GRAVITY)
         self._set_step(MAX_PHYSICS_STEP)
-        pybullet.setPhysicsEngineParameter(
-            deterministicOverlappingPairs=1,
-            numSolverIterations=SOLVER_ITERATIONS,
-            physicsClientId=c,
+        self._bullet.setPhysicsEngineParameter(
+            deterministicOverlappingPairs=1, numSolverIterations=SOLVER_ITERATIONS
         )
-        plane = pybullet.createCollisionShape(pybullet.GEOM_PLANE, physicsClientId=c)
+        plane = self._bullet.createCollisionShape(pybullet.GEOM_PLANE)
         # Without a visual shape of its own the engine would draw the plane.
-        speck = pybullet.createVisualShape(
-            pybullet.GEOM_BOX,
-            halfExtents=[0.01] * 3,
-            visualFramePosition=[0.0, 0.0, -50.0],
-            physicsClientId=c,
+        speck = self._bullet.createVisualShape(
+            pybullet.GEOM_BOX, halfExtents=[0.01] * 3, visualFramePosition=[0.0, 0.0, -50.0]
         )
-        floor = pybullet.createMultiBody(0.0, plane, speck, physicsClientId=c)
-        pybullet.changeDynamics(floor, -1, lateralFriction=1.0, physicsClientId=c)
+        floor = self._bullet.createMultiBody(0.0, plane, speck)
+        self._bullet.changeDynamics(floor, -1, lateralFriction=1.0)
 
     def __reduce__(self) -> NoReturn:
         """Refuse copies and pickles: the engine's state is not Python's."""
@@ -179,28 +138,23 @@ class World:
             "its episode again."
         )
 
-    @property
-    def is_open(self) -> bool:
-        """Whether the engine is still there."""
-        return self._client >= 0
-
     def close(self) -> None:
         """Leave the engine; calling it twice is harmless."""
-        if self._client >= 0:
-            pybullet.disconnect(physicsClientId=self._client)
-            self._client = -1
+        if self.is_open:
+            self._bullet.disconnect()
+            self.is_open = False
 
     def step(self, duration: float) -> None:
         """Advance the physics by exactly `duration` [s], in the fewest equal steps."""
         count = max(1, math.ceil(duration / MAX_PHYSICS_STEP - ROUNDING))
         self._set_step(duration / count)
         for _ in range(count):
-            pybullet.stepSimulation(physicsClientId=self._client)
+            self._bullet.stepSimulation()
 
     def _set_step(self, step: float) -> None:
         """Let one step of the engine last `step` [s]."""
         if step != self._step:
-            pybullet.setPhysicsEngineParameter(fixedTimeStep=step, physicsClientId=self._client)
+            self._bullet.setPhysicsEngineParameter(fixedTimeStep=step)
             self._step = step
 
     # Bodies
@@ -208,48 +162,42 @@ class World:
     def box(self, size: Sequence[float], colour: Colour, *, solid: bool = True) -> int:
         """Add a static box of edge lengths `size` (3,) [m], to be placed with `move`."""
         half = [0.5 * edge for edge in size]
-        c = self._client
         shape = -1
         if solid:
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_BOX, halfExtents=half, physicsClientId=c
-            )
-        visual = pybullet.createVisualShape(
-            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*colour, 1.0], physicsClientId=c
+            shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
+        visual = self._bullet.createVisualShape(
+            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*colour, 1.0]
         )
-        return int(pybullet.createMultiBody(0.0, shape, visual, physicsClientId=c))
+        return int(self._bullet.createMultiBody(0.0, shape, visual))
 
     def cylinder(self, radius: float, height: float, colour: Colour, *, solid: bool = True) -> int:
         """Add a static upright cylinder [m], drawn with eight sides, to be placed with `move`."""
-        c = self._client
         shape = -1
         if solid:
-            shape = pybullet.createCollisionShape(
-                pybullet.GEOM_CYLINDER, radius=radius, height=height, physicsClientId=c
+            shape = self._bullet.createCollisionShape(
+                pybullet.GEOM_CYLINDER, radius=radius, height=height
             )
         vertices, normals, triangles = _prism(radius, height)
         visual = self._shape(vertices, triangles, normals, colour)
-        return int(pybullet.createMultiBody(0.0, shape, visual, physicsClientId=c))
+        return int(self._bullet.createMultiBody(0.0, shape, visual))
 
     def mesh(self, vertices: Array, triangles: NDArray[np.int64], colour: Colour) -> int:
         """Add a flat, purely visual mesh: `vertices` (n, 3) [m], `triangles` (m, 3)."""
-        c = self._client
         upwards = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
         visual = self._shape(vertices, triangles, upwards, colour)
-        return int(pybullet.createMultiBody(0.0, -1, visual, physicsClientId=c))
+        return int(self._bullet.createMultiBody(0.0, -1, visual))
 
     def _shape(
         self, vertices: Array, triangles: NDArray[np.int64], normals: Array, colour: Colour
     ) -> int:
         self._indices[:] = triangles.ravel().tolist()
         return int(
-            pybullet.createVisualShape(
+            self._bullet.createVisualShape(
                 pybullet.GEOM_MESH,
                 vertices=self._vertices.rows(vertices),
                 indices=self._indices,
                 normals=self._normals.rows(normals),
                 rgbaColor=[*colour, 1.0],
-                physicsClientId=self._client,
             )
         )
 
@@ -263,40 +211,30 @@ class World:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "car.urdf"
             path.write_text(string.Template(text).substitute(dimensions), encoding="utf-8")
-            return int(
-                pybullet.loadURDF(
-                    str(path),
-                    flags=pybullet.URDF_USE_INERTIA_FROM_FILE,
-                    physicsClientId=self._client,
-                )
-            )
+            return int(self._bullet.loadURDF(str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
 
     def remove(self, body: int) -> None:
         """Take a body out of the world."""
-        pybullet.removeBody(body, physicsClientId=self._client)
+        self._bullet.removeBody(body)
 
     def move(self, body: int, position: Sequence[float], yaw: float) -> None:
         """Put a body at `position` (3,) [m], upright, turned by `yaw` [rad]."""
         half = 0.5 * yaw
-        pybullet.resetBasePositionAndOrientation(
-            body,
-            position,
-            [0.0, 0.0, float(np.sin(half)), float(np.cos(half))],
-            physicsClientId=self._client,
+        self._bullet.resetBasePositionAndOrientation(
+            body, position, [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
         )
 
     # Joints of articulated bodies
 
     def joints(self, body: int) -> dict[str, int]:
         """Joint indices of a body by name."""
-        c = self._client
-        count = pybullet.getNumJoints(body, physicsClientId=c)
-        rows = (pybullet.getJointInfo(body, j, physicsClientId=c) for j in range(count))
+        count = self._bullet.getNumJoints(body)
+        rows = (self._bullet.getJointInfo(body, j) for j in range(count))
         return {row[1].decode(): int(row[0]) for row in rows}
 
     def hinge(self, body: int, joint: int, angle: float, rate: float, torque: float) -> None:
         """Servo a hinge to `angle` [rad] at no more than `rate` [rad/s] and `torque` [N m]."""
-        pybullet.setJointMotorControl2(
+        self._bullet.setJointMotorControl2(
             body,
             joint,
             pybullet.POSITION_CONTROL,
@@ -305,68 +243,51 @@ class World:
             force=torque,
             positionGain=0.25,
             velocityGain=1.0,
-            physicsClientId=self._client,
         )
 
     def spin(self, body: int, joint: int, rate: float, torque: float) -> None:
         """Drive a joint towards `rate` [rad/s] with at most `torque` [N m]."""
-        pybullet.setJointMotorControl2(
-            body,
-            joint,
-            pybullet.VELOCITY_CONTROL,
-            targetVelocity=rate,
-            force=torque,
-            physicsClientId=self._client,
+        self._bullet.setJointMotorControl2(
+            body, joint, pybullet.VELOCITY_CONTROL, targetVelocity=rate, force=torque
         )
 
     def set_joint(self, body: int, joint: int, angle: float, rate: float) -> None:
         """Put a joint at `angle` [rad], turning at `rate` [rad/s]."""
-        pybullet.resetJointState(body, joint, angle, rate, physicsClientId=self._client)
+        self._bullet.resetJointState(body, joint, angle, rate)
 
     def joint_angle(self, body: int, joint: int) -> float:
         """Angle of a joint [rad]."""
-        return float(pybullet.getJointState(body, joint, physicsClientId=self._client)[0])
+        return float(self._bullet.getJointState(body, joint)[0])
 
     def set_velocity(self, body: int, linear: Sequence[float]) -> None:
         """Give a body the linear velocity (3,) [m/s] and no rotation."""
-        pybullet.resetBaseVelocity(body, linear, [0.0, 0.0, 0.0], physicsClientId=self._client)
+        self._bullet.resetBaseVelocity(body, linear, [0.0, 0.0, 0.0])
 
     def friction(self, body: int, link: int, lateral: float) -> None:
         """Set the Coulomb friction coefficient of a link."""
-        pybullet.changeDynamics(body, link, lateralFriction=lateral, physicsClientId=self._client)
+        self._bullet.changeDynamics(body, link, lateralFriction=lateral)
 
     # What can be seen
 
     def frame(self, body: int) -> tuple[Array, Array]:
         """Position (3,) [m] and rotation matrix (3, 3) of the body's *inertial* base frame."""
-        position, quaternion = pybullet.getBasePositionAndOrientation(
-            body, physicsClientId=self._client
-        )
-        rotation = pybullet.getMatrixFromQuaternion(quaternion, physicsClientId=self._client)
+        position, quaternion = self._bullet.getBasePositionAndOrientation(body)
+        rotation = self._bullet.getMatrixFromQuaternion(quaternion)
         return np.array(position), np.array(rotation).reshape(3, 3)
 
     def velocity(self, body: int) -> tuple[Array, Array]:
         """Linear (3,) [m/s] and angular (3,) [rad/s] velocity of a body's base."""
-        linear, angular = pybullet.getBaseVelocity(body, physicsClientId=self._client)
+        linear, angular = self._bullet.getBaseVelocity(body)
         return np.array(linear), np.array(angular)
 
     def touching(self, body: int) -> set[int]:
         """Bodies in contact with `body`, the ground (body 0) left out."""
-        contacts = pybullet.getContactPoints(bodyA=body, physicsClientId=self._client)
+        contacts = self._bullet.getContactPoints(bodyA=body)
         return {int(row[2]) for row in contacts} - {0, body}
-
-    def overlaps(self, body: int, other: int) -> bool:
-        """Whether two bodies touch, also where both are static and the engine does not ask."""
-        points = pybullet.getClosestPoints(body, other, 0.0, physicsClientId=self._client)
-        return bool(points)
 
     def rays(self, origin: Array, ends: Array) -> Array:
         """Share of each ray's length that is free: `origin` (3,), `ends` (n, 3) → (n,)."""
-        hits = pybullet.rayTestBatch(
-            [origin.tolist()] * len(ends),
-            ends.tolist(),
-            physicsClientId=self._client,
-        )
+        hits = self._bullet.rayTestBatch([origin.tolist()] * len(ends), ends.tolist())
         return np.array([hit[2] for hit in hits])
 
     def render(self, camera: CameraPose, light: Illumination) -> NDArray[np.uint8]:
@@ -378,7 +299,7 @@ class World:
         projection = pybullet.computeProjectionMatrixFOV(
             camera.field_of_view, camera.width / camera.height, camera.near, camera.far
         )
-        _, _, rgba, depth, _ = pybullet.getCameraImage(
+        _, _, rgba, depth, _ = self._bullet.getCameraImage(
             camera.width,
             camera.height,
             view,
@@ -391,7 +312,6 @@ class World:
             shadow=0,
             renderer=pybullet.ER_TINY_RENDERER,
             flags=pybullet.ER_NO_SEGMENTATION_MASK,
-            physicsClientId=self._client,
         )
         shape = (camera.height, camera.width)
         image = np.asarray(rgba, dtype=np.uint8).reshape(*shape, 4)

@@ -39,7 +39,6 @@ def straight(tmp_path: Path) -> RunConfig:
             config.env,
             track=str(road),
             route_length=300.0,
-            dynamics="kinematic",
             difficulty="easy",
         ),
         planner=replace(config.planner, enabled=False),

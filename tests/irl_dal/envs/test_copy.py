@@ -15,7 +15,6 @@ KINDS = {
     "default": CityConfig(),
     "hard": HARD,
     "odometry": CityConfig(lane_sensor="odometry"),
-    "kinematic": CityConfig(dynamics="kinematic"),
     "latency": CityConfig(faults=FAULTS["latency_2"]),
 }
 WAYS: dict[str, Callable[[CityEnv], CityEnv]] = {

@@ -54,9 +54,7 @@ def test_memory_is_flat_over_ten_thousand_resets() -> None:
 @pytest.mark.parametrize("name", sorted(FAULTS))
 def test_a_thousand_episodes_under_each_fault(name: str) -> None:
     """Short ones, so that it ends the same day; every one ends as an episode may end."""
-    config = CityConfig(
-        route_length=80.0, route_spread=0.0, dynamics="kinematic", faults=FAULTS[name]
-    )
+    config = CityConfig(route_length=80.0, route_spread=0.0, faults=FAULTS[name])
     before, outcomes = resident(), set()
     for drive in expert_drives(config, range(1_000)):
         outcomes.add(drive.outcome)
