@@ -2,15 +2,7 @@ r"""Free distance to the nearest obstacle in view, tracked from scan to scan.
 
 A filterpy Kalman filter gates measurements that do not fit, coasts through missing ones
 (`update(None)`, never NaN) and reports the age of the last accepted measurement.
-
-=======  =====================================================================
-symbol   meaning
-=======  =====================================================================
-x, P     state and its covariance
-F, Q     transition and process noise
-H, R     measurement matrix and noise
-y, S     innovation and its covariance
-=======  =====================================================================
+The letters x, P, F, Q, H, R, y, S are those of `lane`.
 """
 
 import math
@@ -27,6 +19,9 @@ from shield.estimation.scan import DEFAULT_SCANNER, ScanFilter
 __all__ = ["ClearanceEstimate", "ClearanceTracker"]
 
 GATE = 10.83  # 99.9 % quantile of chi² with 1 degree of freedom
+CONFIRMATIONS = 3  # scans in a row that must agree before the clearance jumps up
+RANGE_STD = 0.05  # [m] of the measured minimum: a laser scanner's
+ACCELERATION_STD = 4.0  # [m/s²] of the relative acceleration: ordinary braking
 RELATIVE_SPEED_STD = 10.0  # [m/s] of an obstacle at its first sighting: ordinary in city traffic
 
 
@@ -61,43 +56,23 @@ class ClearanceTracker:
     Args:
         dt: Period of the scans [s].
         max_range: Largest range of the sensor, reported where nothing returns [m].
-        range_std: Standard deviation of the measured minimum [m].
-        acceleration_std: Standard deviation of the relative acceleration [m/s²].
         max_age: Age from which the estimate is invalid [s].
-        confirmations: Scans in a row that must agree before the clearance jumps up.
 
     Raises:
         InvalidProblem: An argument is not positive and finite.
     """
 
     def __init__(
-        self,
-        dt: float,
-        max_range: float = DEFAULT_SCANNER.max_range,
-        *,
-        range_std: float = 0.05,
-        acceleration_std: float = 4.0,
-        max_age: float = 0.3,
-        confirmations: int = 3,
+        self, dt: float, max_range: float = DEFAULT_SCANNER.max_range, *, max_age: float = 0.3
     ) -> None:
-        check_positive(
-            InvalidProblem,
-            dt=dt,
-            max_range=max_range,
-            range_std=range_std,
-            acceleration_std=acceleration_std,
-            max_age=max_age,
-            confirmations=confirmations,
-        )
+        check_positive(InvalidProblem, dt=dt, max_range=max_range, max_age=max_age)
         self._dt, self._max_range, self._max_age = dt, max_range, max_age
-        self._range_std = range_std
-        self._confirmations = confirmations
         self._scan_filter = ScanFilter(max_range)
         self._filter = KalmanFilter(dim_x=2, dim_z=1)
         self._filter.F = np.array([[1.0, dt], [0.0, 1.0]])
         self._filter.H = np.array([[1.0, 0.0]])
-        self._filter.R = np.array([[range_std**2]])
-        self._filter.Q = acceleration_std**2 * np.array(
+        self._filter.R = np.array([[RANGE_STD**2]])
+        self._filter.Q = ACCELERATION_STD**2 * np.array(
             [[dt**4 / 4.0, dt**3 / 2.0], [dt**3 / 2.0, dt**2]]
         )
         self.reset()
@@ -150,14 +125,14 @@ class ClearanceTracker:
         """Fuse a measurement, restart at it, or hold it back until confirmed."""
         kalman = self._filter
         innovation = measured - float(kalman.x[0])
-        variance = float(kalman.P[0, 0]) + self._range_std**2
+        variance = float(kalman.P[0, 0]) + RANGE_STD**2
         if innovation * innovation <= GATE * variance:
             kalman.update(np.array([measured]))
             self._jumps = 0
             return True
         if innovation > 0.0:
             self._jumps += 1
-            if self._jumps < self._confirmations:
+            if self._jumps < CONFIRMATIONS:
                 kalman.update(None)
                 return False
         self._restart(measured)
@@ -167,7 +142,7 @@ class ClearanceTracker:
     def _restart(self, clearance: float) -> None:
         """Put the state at a clearance with an unknown rate."""
         self._filter.x = np.array([clearance, 0.0])
-        self._filter.P = np.diag([self._range_std**2, RELATIVE_SPEED_STD**2])
+        self._filter.P = np.diag([RANGE_STD**2, RELATIVE_SPEED_STD**2])
 
     def _clip(self) -> None:
         """Keep the clearance in the range of the sensor; at its end nothing approaches."""

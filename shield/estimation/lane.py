@@ -28,6 +28,9 @@ __all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
 Array = NDArray[np.float64]
 
 GATE = 13.82  # 99.9 % quantile of chi² with 2 degrees of freedom
+MAX_REJECTED = 5  # sightings rejected in a row after which the filter, not the sensor, is lost
+CURVATURE_STD = np.array([0.005, 0.0005])  # [1/m], [1/m²] of a sighting's curvature and its rate
+MAX_SIZE = 1e6  # no lane has such numbers; they would overflow the covariance
 MAX_MOTION = 1e3  # [m/s], [rad/s] beyond this a reading is a defect of the sensor, not motion
 
 
@@ -107,39 +110,20 @@ class LaneTracker:
     .. math:: \dot e = v\psi,\quad \dot\psi = \omega - v\kappa,\quad \dot\kappa = v\kappa'.
 
     A sighting whose (e, ψ) is improbable (normalised innovation squared beyond the 99.9 % quantile)
-    is treated as missing; after `max_rejected` in a row the filter restarts at the next, because
+    is treated as missing; after `MAX_REJECTED` in a row the filter restarts at the next, because
     then it is the filter that is lost.
 
     Args:
         dt: Period of the updates [s].
         max_age: Age from which the estimate is invalid [s].
-        max_rejected: Rejected sightings in a row after which the filter restarts.
-        curvature_std: Standard deviation of a sighting's curvature [1/m].
-        curvature_rate_std: Standard deviation of a sighting's curvature rate [1/m²].
 
     Raises:
         InvalidProblem: An argument is not positive and finite.
     """
 
-    def __init__(
-        self,
-        dt: float,
-        *,
-        max_age: float = 0.5,
-        max_rejected: int = 5,
-        curvature_std: float = 0.005,
-        curvature_rate_std: float = 0.0005,
-    ) -> None:
-        check_positive(
-            InvalidProblem,
-            dt=dt,
-            max_age=max_age,
-            max_rejected=max_rejected,
-            curvature_std=curvature_std,
-            curvature_rate_std=curvature_rate_std,
-        )
-        self._dt, self._max_age, self._max_rejected = dt, max_age, max_rejected
-        self._curvature_noise = np.array([curvature_std, curvature_rate_std])
+    def __init__(self, dt: float, *, max_age: float = 0.5) -> None:
+        check_positive(InvalidProblem, dt=dt, max_age=max_age)
+        self._dt, self._max_age = dt, max_age
         self._filter = KalmanFilter(dim_x=4, dim_z=4)
         self.reset()
 
@@ -214,7 +198,7 @@ class LaneTracker:
     def _fuse(self, measurement: LaneMeasurement | None) -> bool:
         """Fuse a sighting; False when it is missing, malformed or rejected."""
         kalman = self._filter
-        rows = None if measurement is None else _usable_rows(measurement, self._curvature_noise)
+        rows = None if measurement is None else _usable_rows(measurement)
         if rows is None:
             kalman.update(None)
             return False
@@ -225,7 +209,7 @@ class LaneTracker:
         S = kalman.P[:2, :2] + R[:2, :2]
         if float(y @ np.linalg.solve(S, y)) > GATE and math.isfinite(self._age):
             self._rejected += 1
-            if self._rejected < self._max_rejected:
+            if self._rejected < MAX_REJECTED:
                 kalman.update(None)
                 return False
             speed = self._speed
@@ -236,15 +220,14 @@ class LaneTracker:
 
 
 def _usable_rows(
-    measurement: LaneMeasurement, curvature_noise: Array
+    measurement: LaneMeasurement,
 ) -> tuple[Array, NDArray[np.bool_], Array] | None:
     """Return values (4,), which are present (4,) and their deviations (4,); None when unusable."""
     values = as_array("measurement", astuple(measurement))
-    z, noise = values[:4], np.concatenate([values[4:], curvature_noise])
+    z, noise = values[:4], np.concatenate([values[4:], CURVATURE_STD])
     present = np.isfinite(z)
     if not present[:2].all() or not (np.isfinite(noise) & (noise > 0.0)).all():
         return None
-    # Sizes that no lane has would overflow the covariance.
-    if np.abs(z[present]).max() > 1e6 or noise.max() > 1e6:
+    if np.abs(z[present]).max() > MAX_SIZE or noise.max() > MAX_SIZE:
         return None
     return z, present, noise

@@ -24,6 +24,9 @@ __all__ = ["DEFAULT_SCANNER", "CleanScan", "ScanFilter", "ScannerGeometry"]
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
+WINDOW, SUPPORT = 5, 3  # w and k: at 10 m five beams of one degree span a pedestrian
+STUCK_AFTER = 5  # repetitions of a beam, or of a whole scan: half a second at 10 Hz
+LEAST_WORKING = 0.5  # share of working beams in a usable scan
 DRIVING = 0.1  # [m/s] a faster car sees the ranges change from scan to scan
 RANGE_MARGIN = 0.5  # [m] a reading this near to the maximum range, or beyond, is no return
 
@@ -108,26 +111,10 @@ class ScanFilter:
 
     Args:
         max_range: Largest range, reported where nothing returns [m].
-        window: Neighbouring beams w that are looked at together.
-        support: Beams k among them that have to agree.
-        stuck_after: Repetitions after which a beam is stuck, or a whole scan dead.
-        least_working: Smallest share of working beams in a usable scan.
     """
 
-    def __init__(
-        self,
-        max_range: float,
-        *,
-        window: int = 5,
-        support: int = 3,
-        stuck_after: int = 5,
-        least_working: float = 0.5,
-    ) -> None:
-        if not 1 <= support <= window:
-            raise InvalidProblem(f"`support` must lie in [1, {window}]. Got {support!r}.")
+    def __init__(self, max_range: float) -> None:
         self._max_range = max_range
-        self._window, self._support = window, support
-        self._stuck_after, self._least_working = stuck_after, least_working
         self.reset()
 
     def reset(self) -> None:
@@ -153,9 +140,9 @@ class ScanFilter:
         ranges = self.clean(scan, speed)
         if ranges is None:
             return None
-        width = min(self._window, ranges.size)
+        width = min(WINDOW, ranges.size)
         windows = np.lib.stride_tricks.sliding_window_view(ranges, width)
-        kth = min(self._support, width) - 1
+        kth = min(SUPPORT, width) - 1
         return float(np.partition(windows, kth, axis=1)[:, kth].min())
 
     def clean(self, scan: ArrayLike, speed: float | None = None) -> Array | None:
@@ -186,23 +173,23 @@ class ScanFilter:
             raise InvalidProblem(f"`speed` must be a number or None. Got {speed!r}.")
         driving = speed is not None and math.isfinite(speed) and abs(speed) > DRIVING
         self._count_repetitions(ranges, driving)
-        stuck = self._isolated(self._repeats >= self._stuck_after)
+        stuck = self._isolated(self._repeats >= STUCK_AFTER)
         working = (ranges > 0.0) & ~stuck
-        frozen = self._frozen >= self._stuck_after
+        frozen = self._frozen >= STUCK_AFTER
         return CleanScan(
             ranges=np.where(working, np.minimum(ranges, self._max_range), self._max_range),
             working=working,
             repeated=self._repeated,
             frozen=frozen,
-            usable=not frozen and bool(working.mean() >= self._least_working),
+            usable=not frozen and bool(working.mean() >= LEAST_WORKING),
         )
 
     def _isolated(self, stuck: Mask) -> Mask:
         """Return the stuck beams with too few stuck neighbours to be an obstacle, (n,)."""
         if not stuck.any():
             return stuck
-        near = np.convolve(stuck, np.ones(2 * self._window - 1), mode="same")[: stuck.size]
-        return stuck & (near < self._support)
+        near = np.convolve(stuck, np.ones(2 * WINDOW - 1), mode="same")[: stuck.size]
+        return stuck & (near < SUPPORT)
 
     def _count_repetitions(self, ranges: Array, driving: bool) -> None:
         """Compare a scan (n,) with the last one that had hits."""

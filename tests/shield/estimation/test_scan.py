@@ -94,5 +94,3 @@ def test_wrong_shapes_raise(scan: Any) -> None:
     """Naming the argument and the shape."""
     with pytest.raises(InvalidProblem, match="`scan`"):
         ScanFilter(40.0).nearest(scan)
-    with pytest.raises(InvalidProblem, match="`support`"):
-        ScanFilter(40.0, support=6)

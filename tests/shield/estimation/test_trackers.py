@@ -172,7 +172,7 @@ def test_a_missing_curvature_does_not_cost_the_sighting() -> None:
 
 def test_outliers_are_rejected_until_they_insist() -> None:
     """One sighting 3 m off is missing; five in a row mean that the filter was lost."""
-    tracker = LaneTracker(DT, max_rejected=5)
+    tracker = LaneTracker(DT)
     for _ in range(20):
         tracker.update(sighting(0.0), 5.0, 0.0)
     estimate = tracker.update(sighting(3.0), 5.0, 0.0)
@@ -226,7 +226,7 @@ def test_unknown_motion_is_bridged() -> None:
     assert math.isfinite(estimate.offset_std)
 
 
-@pytest.mark.parametrize("argument", ["max_range", "range_std", "max_age", "confirmations"])
+@pytest.mark.parametrize("argument", ["max_range", "max_age"])
 @pytest.mark.parametrize("value", [0, -1.0, math.nan, math.inf])
 def test_impossible_tracker_settings_raise(argument: str, value: Any) -> None:
     """Naming the argument."""
