@@ -56,7 +56,7 @@ def build_planner(config: RunConfig) -> DiffusionPlanner | None:
 def supervision(
     config: RunConfig, planner: DiffusionPlanner | None, *, training: bool = False
 ) -> Supervision:
-    """Planner, blend and shield as far as the configuration has them.
+    """Planner and shield as far as the configuration has them.
 
     Args:
         config: Of the run.
@@ -65,10 +65,8 @@ def supervision(
     """
     return Supervision(
         planner=planner,
-        activation=config.planner.activation,
-        without_lane=config.planner.without_lane,
         safety_filter=_safety_filter(config) if config.shield.enabled else None,
-        expert_reference=training and config.planner.expert_reference,
+        training=training,
     )
 
 

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.envs import CityEnv, Overlay
-from irl_dal.planner import Activation, DiffusionPlanner, Plan, PlanningContext
+from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
     BarrierConfig,
@@ -59,43 +59,20 @@ class Supervision:
     """What stands between the nominal action and the actuators.
 
     Attributes:
-        planner: Proposes a horizon in risky states; None leaves the nominal action alone.
-        activation: When the planner is asked: on the trigger, always or never.
-        without_lane: On the trigger, ask it also where no lane is seen and nothing is near. It
-            plans by the lane estimate; the policy has the camera.
+        planner: Proposes a horizon, when its configuration says so; None leaves the nominal action
+            alone.
         safety_filter: The shield; None lets every command pass (for comparisons only).
-        expert_reference: Give the planner the expert's command as a reference (E_expert). The
-            expert is there while learning, not in an evaluation.
-
-    Raises:
-        ValueError: `activation` is unknown.
+        training: Whether there is an expert to lend the planner its command (E_expert).
     """
 
     planner: DiffusionPlanner | None = None
-    activation: Activation = "trigger"
-    without_lane: bool = False
     safety_filter: SafetyFilter | None = None
-    expert_reference: bool = False
-
-    def __post_init__(self) -> None:
-        """Check the activation."""
-        if self.activation not in ("trigger", "always", "never"):
-            raise ValueError(
-                f"`activation` must be trigger, always or never. Got {self.activation!r}."
-            )
+    training: bool = False
 
 
 @dataclass(frozen=True, slots=True)
 class _Nominal:
-    """What a step asks for before the shield.
-
-    Attributes:
-        action: Normalised action before blending (2,).
-        command: Command after blending (2,) [rad, m/s].
-        plan: The plan that was blended in, if any.
-        weight: Its weight.
-        violations: Per source (policy, planner, blend, expert), whether its command broke a bound.
-    """
+    """What a step asks for before the shield, as the keys of `info` call it."""
 
     action: Array
     command: Array
@@ -232,40 +209,35 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
 
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
         """Trigger → plan → blend: the plan, its weight and the command (2,) [rad, m/s]."""
-        supervision = self.supervision
-        planner = supervision.planner
-        if planner is None or supervision.activation == "never":
+        planner, unshielded = self.supervision.planner, self.supervision.safety_filter is None
+        if planner is None or planner.config.activation == "never":
             return None, 0.0, own
-        if supervision.activation == "trigger" and not self._planner_can_help():
+        plan, weight, command = None, 0.0, own
+        if planner.config.activation == "always" or self._planner_can_help(planner):
+            stalled = "stalled" in self._risk.reasons
+            plan = planner.plan(self._context)
+            weight = planner.blend.weight(
+                self._distance.clearance, self._risk.lane_deviation, stalled=stalled
+            )
+            # A plan's first action is one step away, a policy's may be many: of a far one even a
+            # small share holds the wheels at the angle where it pulls as hard as the plan turns.
+            own = planner.project_command(own, self._previous)
+            command = planner.blend.blend(plan.actions[0], own, weight)
+            if stalled and not unshielded:
+                # Plans that begin at rest may stay there; the shield stops what must not go on.
+                moving = np.array([command[0], max(command[1], CREEP_SPEED)])
+                command = planner.project_command(moving, self._previous)
+        else:
             planner.blend.reset()
-            return None, 0.0, self._project_without_shield(own)
-        stalled = "stalled" in self._risk.reasons
-        plan = planner.plan(self._context)
-        weight = planner.blend.weight(
-            self._distance.clearance, self._risk.lane_deviation, stalled=stalled
-        )
-        # A plan's first action is one step away, a policy's may be many: of a far one even a
-        # small share holds the wheels at the angle where it pulls as hard as the plan turns.
-        own = planner.project_command(own, self._previous)
-        command = planner.blend.blend(plan.actions[0], own, weight)
-        if stalled and supervision.safety_filter is not None:
-            # Plans that begin at rest may stay there; the shield stops what must not go on.
-            moving = np.array([command[0], max(command[1], CREEP_SPEED)])
-            command = planner.project_command(moving, self._previous)
-        return plan, weight, self._project_without_shield(command)
+        if unshielded:  # with a shield, this is the shield's work
+            command = planner.project_command(command, self._previous)
+        return plan, weight, command
 
-    def _project_without_shield(self, command: Array) -> Array:
-        """The command within the bounds; with a shield, that is the shield's work."""
-        planner = self.supervision.planner
-        if planner is None or self.supervision.safety_filter is not None:
-            return command
-        return planner.project_command(command, self._previous)
-
-    def _planner_can_help(self) -> bool:
-        """Whether the state is risky, and something is known that a plan can go by."""
+    def _planner_can_help(self, planner: DiffusionPlanner) -> bool:
+        """Whether the state is risky, and a plan has something to go by."""
         risk = self._risk
         seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
-        return risk.risky and (seen or self.supervision.without_lane)
+        return risk.risky and (seen or planner.config.without_lane)
 
     def _execute(self, nominal: _Nominal) -> tuple[Observation, float, bool, bool, Info]:
         """Shield the command, drive it and assess the state that follows."""
@@ -316,7 +288,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             lane=lane,
             speed=speed,
             previous=self._previous,
-            expert_reference=self._reference() if self.supervision.expert_reference else None,
+            expert_reference=self._reference(),
             lane_centres=self.city.config.lanes.centres,
         )
         label = self.limits.to_action(self._decision.setpoint)
@@ -337,10 +309,12 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             text += f"   trigger: {', '.join(self._risk.reasons)}"
         return Overlay(self._risk.risky, text)
 
-    def _reference(self) -> Array:
+    def _reference(self) -> Array | None:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""
         planner = self.supervision.planner
-        horizon = 1 if planner is None else planner.config.horizon
+        if planner is None or not (self.supervision.training and planner.config.expert_reference):
+            return None
+        horizon = planner.config.horizon
         return self._expert.approach(self._decision.setpoint, self._previous, horizon)
 
 

@@ -26,7 +26,7 @@ from irl_dal.learning import (
 )
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.perception import PerceptionConfig
-from irl_dal.planner import DiffusionPlanner, PlannerConfig
+from irl_dal.planner import Activation, DiffusionPlanner, PlannerConfig
 from shield import ActuatorLimits, SafetyFilter, TriggerConfig
 
 SHORT = LearningConfig(
@@ -48,9 +48,10 @@ SHORT = LearningConfig(
 """Every part of Algorithm 1 at least twice; the last rollout has 16 steps, 8 of each car."""
 
 
-def new_planner(seed: int = 0) -> DiffusionPlanner:
+def new_planner(seed: int = 0, activation: Activation = "trigger") -> DiffusionPlanner:
     """A small one, without a deadline for plans, so that runs repeat."""
     config = PlannerConfig(
+        activation=activation,
         width=16,
         sampling_steps=2,
         deadline=60.0,
@@ -59,9 +60,9 @@ def new_planner(seed: int = 0) -> DiffusionPlanner:
     return DiffusionPlanner(config, ActuatorLimits(), generator=generator)
 
 
-def new_loop(**supervision: Any) -> ControlLoop:
+def new_loop(activation: Activation = "trigger", **supervision: Any) -> ControlLoop:
     """City, expert, small planner, shield."""
-    limits, planner = ActuatorLimits(), new_planner()
+    limits, planner = ActuatorLimits(), new_planner(activation=activation)
     watch = Supervision(planner=planner, safety_filter=SafetyFilter(limits))
     city = CityEnv(CityConfig(time_limit=6.0), limits)
     expert = FSMExpert(ExpertConfig(), limits)
