@@ -24,7 +24,7 @@ from irl_dal.cli.command import new_console, run_command
 from irl_dal.cli.overrides import as_argument, explicit_overrides, path_argument, require_same
 from irl_dal.cli.threads import GRADIENT_THREADS, one_thread
 from irl_dal.config import ConfigError, RunConfig, parse
-from irl_dal.evaluation.showcase import show_run
+from irl_dal.figures.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.shortcuts import keep_freed_memory
 from irl_dal.storage.lock import run_lock

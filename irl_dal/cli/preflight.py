@@ -15,6 +15,7 @@ EXTRAS = {
         "imageio",
         "jinja2",
         "joblib",
+        "markupsafe",
         "matplotlib",
         "numba",
         "omegaconf",

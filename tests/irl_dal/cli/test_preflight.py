@@ -52,3 +52,27 @@ def test_preflight_needs_only_the_standard_library() -> None:
                 if isinstance(node, ast.ImportFrom):
                     modules = [node.module or ""]
                 assert {module.split(".")[0] for module in modules} <= sys.stdlib_module_names
+
+
+@pytest.mark.parametrize(
+    ("command", "module", "extra"),
+    [
+        ("train", "hydra", "drive"),
+        ("evaluate", "torch", "drive"),
+        ("compare", "pydantic", "drive"),
+        ("report", "rliable", "report"),
+        ("bench", "pybullet", "drive"),
+    ],
+)
+def test_a_command_names_the_extra_that_it_lacks(command: str, module: str, extra: str) -> None:
+    """Without a traceback, before anything else is imported."""
+    code = (
+        f"import runpy, sys; sys.modules[{module!r}] = None;"
+        f"runpy.run_module('irl_dal.{command}', run_name='__main__', alter_sys=True)"
+    )
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+    )
+    (line,) = done.stderr.splitlines()
+    assert done.returncode == 2 and line.endswith(f"pip install 'irl-dal[{extra}]'")
