@@ -42,7 +42,7 @@ class LearnableAdaptiveMask(nn.Module):
 
     def hazard_level(self, lidar: Tensor) -> Tensor:
         """Eq. hazard_level: scan (B, n) [m] to (B, 1) in [0, 1]; 1 is contact."""
-        nearest = lidar.amin(dim=1, keepdim=True).clamp(max=self.config.max_range)
+        nearest = lidar.amin(dim=1, keepdim=True)
         safe = self.config.safe_distance
         return ((safe - nearest) / safe).clamp(0.0, 1.0)
 

@@ -17,7 +17,6 @@ class PerceptionConfig:
         max_speed: v_max of Eq. speed_norm [m/s]; the fastest command the actuators take.
         safe_distance: d_safe of Eq. hazard_level [m]; the paper does not give it. The distance that
             a car at `max_speed` needs to stop at 6 m/s^2.
-        max_range: Range of the LiDAR [m]; scans are clipped to it and divided by it.
         adaptive_mask: Whether the mask is the image's fourth channel; off for the ablation.
         normalisation: What Eq. mask_norm divides by: `bounded` the largest weight that the mask
             can have, `printed` the mask's own maximum, which cancels both learned factors.
@@ -33,7 +32,6 @@ class PerceptionConfig:
 
     max_speed: float = 12.0
     safe_distance: float = 12.0
-    max_range: float = 40.0
     adaptive_mask: bool = True
     normalisation: MaskNormalisation = "bounded"
     initial_alpha: float = 0.5
@@ -41,7 +39,7 @@ class PerceptionConfig:
     fuse_speed: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("max_speed", "safe_distance", "max_range"):
+        for name in ("max_speed", "safe_distance"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
                 raise ValueError(f"`{name}` must be finite and positive. Got {value}.")

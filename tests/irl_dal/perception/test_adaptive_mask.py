@@ -87,7 +87,6 @@ def test_mask_stays_in_the_unit_interval(normalisation: str, alpha: float) -> No
     [
         ("max_speed", 0.0),
         ("safe_distance", float("nan")),
-        ("max_range", -1.0),
         ("initial_alpha", -2.0),
     ],
 )
