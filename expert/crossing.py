@@ -1,6 +1,6 @@
-"""Who crosses the road: narrow things that the LiDAR sees move, or standing where no barrel stands.
+"""Pedestrians: narrow clusters that move sideways, or stand where no barrel stands.
 
-`shield.ClusterTracker` follows them in a frame that does not jump with the lane estimate.
+`shield.ClusterTracker` follows the clusters in a frame that does not jump with the lane estimate.
 """
 
 from __future__ import annotations
@@ -8,109 +8,119 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from expert.lane_map import LIDAR_FORWARD, LaneMap
+from expert.lane_map import LaneMap
 from shield import ClusterTracker, Track
+from shield.arguments import check_positive, check_within
 
-_FASTEST, _CAR = 1.5, 6.0  # m/s of a walker, m from the bumper to behind the car with a margin
+__all__ = ["CrossingConfig", "CrossingWatch", "Pedestrian"]
+
+MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
+SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
+MEMORY = 10  # [scans] that a velocity is fitted to: one second
+MIN_SIGHTINGS = 3  # [scans] before a place alone is evidence
+FORGET_AFTER = 10  # [scans] without a sighting; the tracker gives up earlier
+
+MAX_DISTANCE = 34.0  # [m] further ahead a pedestrian is one or two beams wide
+BEHIND = -1.0  # [m] from the bumper; further back the scanner sees nothing
+RIGHT_END, LEFT_END = -2.0, 5.4  # [m] both lanes and their edges, from the home lane's centre
+APPROACH = 2.0  # [m] beside that zone in which clusters are already judged
+
+MAX_ALONG_SPEED = 1.5  # [m/s] along the lane; faster clusters are vehicles
+MAX_SIDEWAYS_SPEED = 2.5  # [m/s] faster than a pedestrian crosses: a false match
+BARREL_ZONE = 1.05  # [m] from the home lane's centre; no barrel stands further aside
+BARREL_ZONE_GROWTH = 0.02  # [m/m] of distance ahead, because the lane is uncertain there
+
+FAST_WALK = 1.5  # [m/s] assumed of a pedestrian who has not reached the car's path yet
+PASSED = 6.0  # [m] from the front bumper to behind the car, with a margin
+MIN_PASSING_SPEED = 3.0  # [m/s] so that a car that has stopped drives on in front of a far one
 
 
 @dataclass(frozen=True, slots=True)
 class CrossingConfig:
-    """What counts as a pedestrian, and what of him counts.
+    """What counts as a pedestrian, and how far the car stays away.
 
     Attributes:
-        width: Clusters at least so wide are something else [m].
-        separation: Distance between neighbouring points that ends a cluster [m].
-        reach: Clusters further ahead are not followed [m].
-        speed: Sideways speed from which a cluster crosses [m/s].
-        aside: Distance from the home lane's centre at which no barrel stands [m].
-        aside_growth: Added to `aside` for each metre of distance, because the lane is uncertain.
-        right: Offset of the zone's right end, from the home lane's centre [m].
-        left: Offset of its left end [m].
-        memory: Length of the track that the speed comes from [steps].
-        room: Sideways distance at which he is out of the way [m].
-        standoff: Added to the usual distance in front of him [m].
+        speed: Sideways speed from which a narrow cluster is a pedestrian [m/s].
+        room: Sideways distance at which a pedestrian is out of the way [m].
+        standoff: Added to the usual distance in front of a pedestrian [m].
+
+    Raises:
+        ValueError: If a field is out of range.
     """
 
-    width: float = 1.0
-    separation: float = 0.8
-    reach: float = 34.0
     speed: float = 0.6
-    aside: float = 1.05
-    aside_growth: float = 0.02
-    right: float = -2.0
-    left: float = 5.4
-    memory: int = 10
     room: float = 1.9
     standoff: float = 1.5
 
     def __post_init__(self) -> None:
-        for name in ("width", "separation", "reach", "speed", "room"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
-        if self.memory < 2:
-            raise ValueError(f"`memory` must be at least 2. Got {self.memory}.")
+        check_positive(ValueError, speed=self.speed, room=self.room)
+        check_within(ValueError, 0.0, math.inf, standoff=self.standoff)
 
 
 @dataclass(slots=True)
 class _Judgement:
-    """What is thought of a track so far."""
+    """What is known of a track.
 
-    person: bool = False
-    way: float = 0.0
+    Attributes:
+        seen: Number of the last scan that showed it.
+        pedestrian: Whether it is one.
+        direction: +1 when it moves to the left, -1 to the right, 0 while that is unknown.
+    """
+
+    seen: int
+    pedestrian: bool = False
+    direction: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Pedestrian:
-    """Somebody who crosses.
+    """A pedestrian who crosses.
 
     Attributes:
         s: Distance along the lane from the bumper [m].
         d: Offset to the left of the home lane's centre [m].
-        way: +1 when he goes to the left, -1 to the right.
+        direction: +1 for a pedestrian who walks to the left, -1 to the right.
     """
 
     s: float
     d: float
-    way: float
+    direction: float
 
     def blocks(self, offset: float, speed: float, room: float) -> bool:
-        """Whether he is in the way of the car, or will be before it has passed.
+        """Whether the pedestrian is in the car's path, or will be before it has passed.
 
         Args:
             offset: Where the car drives [m].
             speed: Of the car [m/s].
-            room: Sideways distance at which he is out of the way [m].
+            room: Sideways distance at which a pedestrian is out of the way [m].
         """
-        past = self.way * (self.d - offset)
+        past = self.direction * (self.d - offset)
         if past > room:
             return False
-        arrives = max(0.0, -past - room) / _FASTEST
-        return arrives < (self.s + _CAR) / max(speed, 3.0)
+        arrives = max(0.0, -past - room) / FAST_WALK
+        return arrives < (self.s + PASSED) / max(speed, MIN_PASSING_SPEED)
 
 
 class CrossingWatch:
-    """Tells who crosses from narrow clusters that are followed from scan to scan.
+    """Tells pedestrians from other narrow clusters that are followed from scan to scan.
 
     Args:
         config: What counts as a pedestrian.
         dt: Time between two scans [s].
+        mount: From the rear axle to the scanner [m].
     """
 
-    def __init__(self, config: CrossingConfig, dt: float) -> None:
+    def __init__(self, config: CrossingConfig, dt: float, mount: float) -> None:
         self.config = config
         self._tracker = ClusterTracker(
-            dt,
-            LIDAR_FORWARD,
-            width=config.width,
-            separation=config.separation,
-            memory=config.memory,
+            dt, mount, width=MAX_WIDTH, separation=SEPARATION, memory=MEMORY
         )
         self.reset()
 
     def reset(self) -> None:
         """Forget the episode."""
         self._tracker.reset()
+        self._scans = 0
         self._judgements: dict[int, _Judgement] = {}
 
     def update(self, lanes: LaneMap, speed: float, yaw_rate: float) -> list[Pedestrian]:
@@ -121,35 +131,43 @@ class CrossingWatch:
             speed: Since the last scan [m/s].
             yaw_rate: Since the last scan [rad/s].
         """
-        config, people = self.config, []
+        self._scans += 1
+        people = []
         for track in self._tracker.update(lanes.points, speed, yaw_rate):
             rows = slice(track.first, track.last + 1)
             s, d = float(lanes.s[rows].mean()), float(lanes.d[rows].mean())
-            if not (-1.0 < s < config.reach and config.right - 2.0 < d < config.left + 2.0):
+            near = RIGHT_END - APPROACH < d < LEFT_END + APPROACH
+            if not (BEHIND < s < MAX_DISTANCE and near):
                 continue
-            judgement = self._judgements.setdefault(track.number, _Judgement())
+            judgement = self._judgements.setdefault(track.number, _Judgement(self._scans))
+            judgement.seen = self._scans
             self._judge(judgement, track, (s, d), lanes.heading_at(s))
-            if judgement.person and config.right < d < config.left:
-                people.append(Pedestrian(s, d, judgement.way))
+            if judgement.pedestrian and RIGHT_END < d < LEFT_END:
+                people.append(Pedestrian(s, d, judgement.direction))
+        self._judgements = {
+            number: judgement
+            for number, judgement in self._judgements.items()
+            if self._scans - judgement.seen < FORGET_AFTER
+        }
         return people
 
     def _judge(
         self, judgement: _Judgement, track: Track, place: tuple[float, float], heading: float
     ) -> None:
-        """Decide whether a track is somebody who crosses, and which way he goes."""
-        config, (s, d) = self.config, place
+        """Decide whether a track is a pedestrian, and in which direction it crosses."""
+        speed, (s, d) = self.config.speed, place
         forward, left = track.velocity.tolist()
         sideways = math.cos(heading) * left - math.sin(heading) * forward
         along = math.cos(heading) * forward + math.sin(heading) * left
-        if track.sightings == config.memory and abs(along) < 1.5:
-            if config.speed < abs(sideways) < 2.5:
-                judgement.person = True
-            if abs(sideways) > 0.5 * config.speed:
-                judgement.way = math.copysign(1.0, sideways)
+        if track.sightings == MEMORY and abs(along) < MAX_ALONG_SPEED:
+            if speed < abs(sideways) < MAX_SIDEWAYS_SPEED:
+                judgement.pedestrian = True
+            if abs(sideways) > 0.5 * speed:
+                judgement.direction = math.copysign(1.0, sideways)
             else:
-                judgement.person = False
-        margin = config.aside + config.aside_growth * max(s, 0.0)
-        if track.sightings >= 3 and abs(d) > margin and config.right < d < config.left:
-            judgement.person = True
-        if judgement.way == 0.0:
-            judgement.way = 1.0 if d < 0.0 else -1.0
+                judgement.pedestrian = False
+        barrels = BARREL_ZONE + BARREL_ZONE_GROWTH * max(s, 0.0)
+        if track.sightings >= MIN_SIGHTINGS and abs(d) > barrels and RIGHT_END < d < LEFT_END:
+            judgement.pedestrian = True
+        if judgement.direction == 0.0:
+            judgement.direction = 1.0 if d < 0.0 else -1.0

@@ -11,18 +11,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shield import LaneEstimate
+from shield import LaneEstimate, ScannerGeometry
+
+__all__ = ["LaneMap"]
 
 Array = NDArray[np.float64]
 
-LIDAR_FORWARD = 3.6
-"""From the rear axle to the LiDAR in the front bumper [m]."""
-
-BODY_LENGTH = 4.5
-"""Of the car [m]."""
-
 BEHIND, AHEAD = 2.0, 40.0
 """Stretch of lane that the map covers, from the rear axle [m]."""
+
+SPACING = 1.0
+"""Between the points of the lane's centre line [m]: its tangents turn by at most 0.1 rad there."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,74 +29,76 @@ class LaneMap:
     """Scan points in curvilinear coordinates of the home lane.
 
     Attributes:
-        s: Distance along the lane from the front bumper (n,) [m].
+        s: Distance along the lane from the scanner (n,) [m].
         d: Offset to the left of the home lane's centre (n,) [m].
-        points: The same points in the LiDAR's frame (n, 2) [m], in the order of the beams.
+        points: The same points in the scanner's frame (n, 2) [m], in the order of the beams.
         lane: The lane that they were placed in.
+        mount: From the rear axle to the scanner [m].
     """
 
     s: Array
     d: Array
     points: Array
     lane: LaneEstimate
+    mount: float
 
     def without(self, s: float, d: float, radius: float) -> LaneMap:
         """The map without the points around (s, d) [m]."""
         keep = np.hypot(self.s - s, self.d - d) > radius
-        return LaneMap(self.s[keep], self.d[keep], self.points[keep], self.lane)
+        return LaneMap(self.s[keep], self.d[keep], self.points[keep], self.lane, self.mount)
 
     def heading_at(self, s: float) -> float:
-        """Direction of the lane at `s` [m] from the bumper, relative to the car's [rad]."""
-        lane, along = self.lane, s + LIDAR_FORWARD
+        """Direction of the lane at `s` [m] from the scanner, relative to the car's [rad]."""
+        lane, along = self.lane, s + self.mount
         return lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
 
     @classmethod
-    def build(cls, scan: Array, lane: LaneEstimate, max_range: float) -> LaneMap:
+    def build(cls, scan: Array, lane: LaneEstimate, scanner: ScannerGeometry) -> LaneMap:
         """Place the points of a scan.
 
         Args:
-            scan: Ranges (beams,) over 180 degrees, beam 0 at the right [m].
+            scan: Ranges (beams,), beam 0 at the right [m].
             lane: Pose and clothoid of the home lane.
-            max_range: Reading of a beam that hit nothing [m].
+            scanner: Where the beams point.
         """
         ranges = np.asarray(scan, dtype=np.float64)
-        hit = np.isfinite(ranges) & (ranges > 0.0) & (ranges < max_range - 0.5)
-        bearing = np.linspace(-0.5 * np.pi, 0.5 * np.pi, len(ranges))[hit]
+        hit = scanner.returned(ranges)
+        bearing = scanner.angles[hit]
         points = ranges[hit, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
-        points[:, 0] += LIDAR_FORWARD
-        along = np.arange(-BEHIND, AHEAD + 1.0, 1.0)
+        points[:, 0] += scanner.mount
+        along = np.arange(-BEHIND, AHEAD + SPACING, SPACING)
         heading = lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
         step = np.stack([np.cos(heading), np.sin(heading)], axis=1)
-        centre = np.cumsum(step, axis=0) - 0.5 * step
+        centre = SPACING * (np.cumsum(step, axis=0) - 0.5 * step)
         foot = -lane.lateral_offset * np.array(
             [np.sin(lane.heading_error), np.cos(lane.heading_error)]
         )
-        centre += foot - centre[int(BEHIND)]
+        centre += foot - centre[round(BEHIND / SPACING)]
         gap = points[:, None, :] - centre[None, :, :]
         nearest = np.argmin(np.einsum("nmk,nmk->nm", gap, gap), axis=1)
         rows = np.arange(len(points))
         tangent, rest = step[nearest], gap[rows, nearest]
         s = along[nearest] + np.einsum("nk,nk->n", tangent, rest)
         d = tangent[:, 0] * rest[:, 1] - tangent[:, 1] * rest[:, 0]
-        points[:, 0] -= LIDAR_FORWARD
-        return cls(s - LIDAR_FORWARD, d, points, lane)
+        points[:, 0] -= scanner.mount
+        return cls(s - scanner.mount, d, points, lane, scanner.mount)
 
     def gap(self, centre: float, half_width: float, start: float = 0.0) -> float:
-        """Free distance from the bumper in the strip around offset `centre` [m].
+        """Free distance from the scanner in the strip around offset `centre` [m].
 
         Args:
             centre: Offset of the strip's middle [m].
             half_width: Half of its width [m].
-            start: Points behind this distance from the bumper do not count [m].
+            start: Points behind this distance from the scanner do not count [m].
         """
         return self._first(np.abs(self.d - centre) < half_width, start)
 
     def gap_on_the_way(self, offset: float, goal: float, slope: float, half_width: float) -> float:
-        """Free distance from the bumper in what a lane change will sweep [m].
+        """Free distance from the scanner in the strip that a lane change sweeps [m].
 
         Args:
             offset: Where the car is [m].
-            goal: Offset that it goes to [m].
+            goal: Offset at the end of the lane change [m].
             slope: Sideways per forward movement, positive.
             half_width: Half of the strip's width [m].
         """

@@ -6,6 +6,16 @@ import math
 from dataclasses import dataclass
 
 from shield import ActuatorLimits, LaneEstimate
+from shield.arguments import check_positive
+
+__all__ = ["LateralConfig", "parallel_curvature", "steer"]
+
+PREVIEW_TIME = 0.15  # [s] look-ahead of the curvature feed-forward
+MIN_SPEED = 3.5  # [m/s] below which the offset's gain stops growing
+MIN_TURN_SPEED = 2.0  # [m/s] the same of the heading's gain: the inner loop is the faster one
+MIN_RATE_SPEED = 1.0  # [m/s] below which a moving target asks for no larger angle
+MIN_CONTRACTION = 0.4  # of the distance to the centre of a bend; bounds a noisy curvature
+MIN_STEERING_RATE = 1e-3  # [rad/s] avoids a division by zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,22 +26,23 @@ class LateralConfig:
         offset_time: Time constant with which an offset is driven out [s].
         heading_time: Time constant with which a heading error is driven out [s].
         max_approach: Largest angle at which the lane's centre is approached [rad].
-        preview_time: Look-ahead of the curvature feed-forward [s].
-        min_speed: Below which the offset's gain stops growing [m/s].
-        min_turn_speed: The same of the heading's [m/s]: the inner loop is the faster one.
+
+    Raises:
+        ValueError: If a field is out of range.
     """
 
     offset_time: float = 1.0
     heading_time: float = 0.45
     max_approach: float = 0.5
-    preview_time: float = 0.15
-    min_speed: float = 3.5
-    min_turn_speed: float = 2.0
 
     def __post_init__(self) -> None:
-        for name in ("offset_time", "heading_time", "max_approach", "min_speed", "min_turn_speed"):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        check_positive(ValueError, offset_time=self.offset_time, heading_time=self.heading_time)
+        check_positive(ValueError, max_approach=self.max_approach)
+
+
+def parallel_curvature(curvature: float, offset: float) -> float:
+    """Curvature [1/m] of the line that runs `offset` [m] to the left of a line of `curvature`."""
+    return curvature / max(MIN_CONTRACTION, 1.0 - curvature * offset)
 
 
 def steer(
@@ -45,7 +56,7 @@ def steer(
 ) -> float:
     """Steering angle that brings the car to an offset and keeps it there [rad].
 
-    With e the offset error, r the rate of the wanted offset, psi the heading error and kappa the
+    With e the offset error, r the rate of the target offset, psi the heading error and kappa the
     previewed curvature:
 
         psi_ref = sat(r / v - e / (v · T_e))
@@ -59,21 +70,22 @@ def steer(
     Args:
         config: Gains.
         lane: Estimated lane pose and curvature.
-        target: Wanted offset to the left of the home lane's centre [m].
+        target: Target offset to the left of the home lane's centre [m].
         target_rate: Speed at which that offset moves to the left [m/s].
         speed: Forward speed [m/s].
         previous: Steering angle now [rad].
         limits: Wheelbase and steering rate.
     """
-    v = max(speed, config.min_speed)
+    v = max(speed, MIN_SPEED)
     error = lane.lateral_offset - target
-    approach = math.atan2(target_rate, max(speed, 1.0)) - math.atan2(error / config.offset_time, v)
+    approach = math.atan2(target_rate, max(speed, MIN_RATE_SPEED))
+    approach -= math.atan2(error / config.offset_time, v)
     heading = max(-config.max_approach, min(config.max_approach, approach))
-    curvature = lane.curvature + lane.curvature_rate * v * config.preview_time
-    curvature /= max(0.4, 1.0 - curvature * lane.lateral_offset)
-    reach = max(speed, config.min_turn_speed) * config.heading_time
+    curvature = lane.curvature + lane.curvature_rate * v * PREVIEW_TIME
+    curvature = parallel_curvature(curvature, lane.lateral_offset)
+    reach = max(speed, MIN_TURN_SPEED) * config.heading_time
     excess = previous - math.atan(limits.wheelbase * curvature)
-    unwinding = abs(excess) / max(limits.max_steering_rate, 1e-3)
+    unwinding = abs(excess) / max(limits.max_steering_rate, MIN_STEERING_RATE)
     swing = 0.5 * speed * excess / limits.wheelbase * unwinding
     turn = curvature + (heading - lane.heading_error - swing) / reach
     return math.atan(limits.wheelbase * turn)

@@ -5,7 +5,16 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from expert.lateral import parallel_curvature
 from shield import LaneEstimate
+from shield.arguments import check_positive
+
+__all__ = ["LongitudinalConfig", "bend_speed", "stopping_speed"]
+
+PREVIEW = 20.0  # [m] stretch of lane whose curvature counts: two seconds at cruise speed
+CREEP_SPEED = 0.8  # [m/s] at which the car still steers free of what it has stopped behind
+CREEP_GAP = 1.2  # [m] distance to it at which the car stands for good
+STRAIGHT = 1e-6  # [1/m] less curvature than that is none
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,12 +27,10 @@ class LongitudinalConfig:
         acceleration: Comfortable when there is room again [m/s^2]; the actuators can do more.
         deceleration: Planned when something is ahead [m/s^2].
         standoff: Distance to stop behind an obstacle [m].
-        creep_speed: At which the car still steers free of it inside that distance [m/s].
-        creep_gap: Distance at which it stands for good [m].
-        blind_speed: While the lane is not seen [m/s].
-        preview: Stretch of lane whose curvature counts [m].
-        pace_time: Time constant with which the speed follows the estimated bend [s]: the estimate
-            is noisy, and who follows its noise makes the passengers nod.
+        blind_speed: While the lane is not seen or the scan is unusable [m/s].
+
+    Raises:
+        ValueError: If a field is out of range.
     """
 
     cruise_speed: float = 9.0
@@ -31,23 +38,10 @@ class LongitudinalConfig:
     acceleration: float = 1.5
     deceleration: float = 2.0
     standoff: float = 4.0
-    creep_speed: float = 0.8
-    creep_gap: float = 1.2
     blind_speed: float = 3.0
-    preview: float = 20.0
-    pace_time: float = 0.6
 
     def __post_init__(self) -> None:
-        for name in (
-            "cruise_speed",
-            "lateral_acceleration",
-            "acceleration",
-            "deceleration",
-            "standoff",
-            "pace_time",
-        ):
-            if not getattr(self, name) > 0.0:
-                raise ValueError(f"`{name}` must be positive. Got {getattr(self, name)}.")
+        check_positive(ValueError, **{name: getattr(self, name) for name in self.__slots__})
 
 
 def bend_speed(config: LongitudinalConfig, lane: LaneEstimate) -> float:
@@ -61,22 +55,22 @@ def bend_speed(config: LongitudinalConfig, lane: LaneEstimate) -> float:
     """
     if not lane.valid:
         return config.blind_speed
-    end = lane.curvature + lane.curvature_rate * config.preview
-    here = lane.curvature / max(0.4, 1.0 - lane.curvature * lane.lateral_offset)
-    bend = max(abs(here), abs(end), 1e-6)
+    end = lane.curvature + lane.curvature_rate * PREVIEW
+    here = parallel_curvature(lane.curvature, lane.lateral_offset)
+    bend = max(abs(here), abs(end), STRAIGHT)
     return min(config.cruise_speed, math.sqrt(config.lateral_acceleration / bend))
 
 
 def stopping_speed(config: LongitudinalConfig, gap: float) -> float:
     """Speed from which the car stops in front of what is ahead [m/s].
 
-        v = max(v_creep, sqrt(2 · a · (gap - standoff))), and 0 once the gap is below `creep_gap`.
+        v = max(v_creep, sqrt(2 · a · (gap - standoff))), and 0 once the gap is below `CREEP_GAP`.
 
     Args:
         config: How fast the expert drives.
         gap: Free distance ahead in the lane that is being driven [m].
     """
-    if gap <= config.creep_gap:
+    if gap <= CREEP_GAP:
         return 0.0
     stop = math.sqrt(2.0 * config.deceleration * max(0.0, gap - config.standoff))
-    return max(stop, config.creep_speed)
+    return max(stop, CREEP_SPEED)

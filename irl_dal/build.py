@@ -80,7 +80,13 @@ def build_loop(
 ) -> ControlLoop:
     """The city, the expert and the control loop around them."""
     city = CityEnv(config.env, config.limits, render_mode)
-    expert = FSMExpert(config.expert, config.limits)
+    expert = FSMExpert(
+        config.expert,
+        config.limits,
+        scanner=config.env.scanner,
+        vehicle=config.env.vehicle,
+        lanes=config.env.lanes,
+    )
     shield = config.shield
     return ControlLoop(city, expert, watch, shield.trigger, shield.barrier)
 

@@ -290,6 +290,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             previous=self._previous,
             expert_reference=self._reference(),
             lane_centres=self.city.config.lanes.centres,
+            scanner=self._scanner,
+            vehicle=self.city.config.vehicle,
         )
         label = self.limits.to_action(self._decision.setpoint)
         return {

@@ -49,7 +49,7 @@ LIMITS_MS = {"ddpm": 60.0, "ddim": 8.0}
 PARTS: dict[str, tuple[tuple[type, str], ...]] = {
     "network": ((FastDenoiser, "condition"), (FastDenoiser, "predict")),
     "energy": ((TotalEnergy, "__init__"), (TotalEnergy, "evaluate")),
-    "projection": ((PlanProjection, "clean"), (PlanProjection, "noisy")),
+    "projection": tuple((PlanProjection, name) for name in ("clean", "noisy", "finish")),
 }
 """Methods that are timed; what is left is called the rest."""
 

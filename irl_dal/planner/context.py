@@ -3,37 +3,40 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from shield import ClearanceEstimate, LaneEstimate
+from shield import (
+    ClearanceEstimate,
+    LaneEstimate,
+    LaneGeometry,
+    ScannerGeometry,
+    VehicleGeometry,
+)
 
 Array = NDArray[np.float64]
 
 CONTEXT_SIZE = 64
 """Table II of the paper's text: c_t has 64 entries."""
 
-BEAMS = 180
-"""LiDAR beams over 180 degrees, counter-clockwise from the right."""
-
-BEAM_ANGLES = np.linspace(-math.pi / 2.0, math.pi / 2.0, BEAMS)
-BEAM_ANGLES.setflags(write=False)
-
-MAX_RANGE = 40.0
-"""Reading of a beam without a return [m]."""
+FEWEST_BEAMS = 8
+"""A scanner with fewer does not tell the lanes apart."""
 
 SECTORS = 30
-"""Six beams each; of every sector the nearest return is kept."""
+"""Of the scanner's field of view: of each, the nearest return is kept."""
 
 HAZARD_SCALE = 3.0
 """s_h of Table II [m]."""
 
-_SPEED, _STEERING, _OFFSET, _HEADING = 12.0, 0.5, 3.5, 0.3  # m/s, rad, m, rad
-_CURVATURE, _CURVATURE_RATE = 0.05, 0.005  # 1/m, 1/m^2
-_NEAR, _AGE, _RANGE_STD, _OFFSET_STD = 5.0, 1.0, 1.0, 0.5  # m, s, m, m
+_SPEED, _STEERING, _OFFSET, _HEADING = 12.0, 0.5, 3.5, 0.3  # [m/s, rad, m, rad]
+_CURVATURE, _CURVATURE_RATE = 0.05, 0.005  # [1/m, 1/m^2]
+_NEAR, _AGE, _RANGE_STD, _OFFSET_STD = 5.0, 1.0, 1.0, 0.5  # [m, s, m, m]
+"""Scales of the entries: what a drive seldom exceeds. They are part of trained weights."""
+
 _LARGEST = 3.0
+"""Entries are clipped to [-3, 3]: beyond, a network has seen nothing."""
 
 HAZARD, CLEARANCE, CLOSING_SPEED, CLEARANCE_STD, CLEARANCE_VALID = 0, 1, 2, 3, 4
 LATERAL_OFFSET, HEADING_ERROR, CURVATURE, CURVATURE_RATE, LANE_DEVIATION = 5, 6, 7, 8, 9
@@ -54,13 +57,15 @@ class PlanningContext:
     """Everything a plan is made from, in physical units.
 
     Attributes:
-        scan: LiDAR ranges (180,) [m].
+        scan: LiDAR ranges (beams,) [m].
         clearance: Filtered minimum clearance and closing speed.
         lane: Filtered lane pose.
         speed: Measured speed [m/s].
         previous: Last executed command (2,) [rad, m/s].
         expert_reference: The expert's commands (H, 2) [rad, m/s], or None.
         lane_centres: Admissible lane centres, as lateral offsets [m].
+        scanner: Where the beams point; by default as many as the scan has, over a half turn.
+        vehicle: Outline of the car.
 
     Raises:
         ValueError: A wrong shape, or no lane centre. Values are not judged here.
@@ -72,12 +77,17 @@ class PlanningContext:
     speed: float
     previous: Array
     expert_reference: Array | None = None
-    lane_centres: tuple[float, ...] = field(default=(0.0, 3.5))
+    lane_centres: tuple[float, ...] = LaneGeometry().centres
+    scanner: ScannerGeometry | None = None
+    vehicle: VehicleGeometry = VehicleGeometry()
 
     def __post_init__(self) -> None:
         scan, previous = _read_only(self.scan), _read_only(self.previous)
-        if scan.shape != (BEAMS,):
-            raise ValueError(f"`scan` must have shape ({BEAMS},). Got {scan.shape}.")
+        if scan.ndim != 1 or scan.size < FEWEST_BEAMS:
+            raise ValueError(f"`scan` must have shape (n,), n >= {FEWEST_BEAMS}. Got {scan.shape}.")
+        if self.scanner is not None and scan.size != self.scanner.beams:
+            beams = self.scanner.beams
+            raise ValueError(f"`scan` must have shape ({beams},). Got {scan.shape}.")
         if previous.shape != (2,):
             raise ValueError(f"`previous` must have shape (2,). Got {previous.shape}.")
         if not self.lane_centres:
@@ -91,6 +101,11 @@ class PlanningContext:
                     f"`expert_reference` must have shape (H, 2). Got {reference.shape}."
                 )
             object.__setattr__(self, "expert_reference", reference)
+
+    @property
+    def geometry(self) -> ScannerGeometry:
+        """Where the beams of the scan point."""
+        return ScannerGeometry(beams=self.scan.size) if self.scanner is None else self.scanner
 
     @property
     def nearest(self) -> float:
@@ -142,7 +157,7 @@ class PlanningContext:
         """Hazard level, clearance and closing speed."""
         nearest = self.nearest
         code[HAZARD] = hazard(nearest)
-        code[CLEARANCE] = nearest / MAX_RANGE
+        code[CLEARANCE] = nearest / self.geometry.max_range
         if self.clearance.valid:
             code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
             code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
@@ -164,15 +179,17 @@ class PlanningContext:
 
     def _encode_scan(self, code: Array) -> None:
         """LiDAR statistics; nearness d_0 / (d_0 + d) keeps the resolution where it matters."""
-        ranges = np.clip(self.scan, 0.0, MAX_RANGE)
-        nearest = ranges.reshape(SECTORS, -1).min(axis=1)
+        scanner = self.geometry
+        ranges = np.clip(self.scan, 0.0, scanner.max_range)
+        # With fewer beams than sectors, neighbouring sectors share a beam.
+        nearest = np.minimum.reduceat(ranges, np.arange(SECTORS) * scanner.beams // SECTORS)
         code[SECTOR_START : SECTOR_START + SECTORS] = _NEAR / (_NEAR + nearest)
-        code[SCAN_MEAN] = ranges.mean() / MAX_RANGE
-        code[SCAN_STD] = ranges.std() / MAX_RANGE
-        returned = ranges < MAX_RANGE
+        code[SCAN_MEAN] = ranges.mean() / scanner.max_range
+        code[SCAN_STD] = ranges.std() / scanner.max_range
+        returned = ranges < scanner.max_range
         code[SCAN_RETURNS] = returned.mean()
         if returned.any():
-            code[NEAREST_BEARING] = BEAM_ANGLES[int(np.argmin(ranges))] / (0.5 * math.pi)
+            code[NEAREST_BEARING] = scanner.angles[int(np.argmin(ranges))] / (0.5 * math.pi)
 
 
 def _read_only(values: Array) -> Array:

@@ -16,7 +16,7 @@ from torch import Tensor, nn
 
 from irl_dal.planner.blend import ActionBlend
 from irl_dal.planner.config import PlannerConfig
-from irl_dal.planner.context import BEAMS, CONTEXT_SIZE, PlanningContext
+from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
 from irl_dal.planner.denoiser import ACTION_SIZE, ConditionalUnet1d
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
@@ -25,7 +25,14 @@ from irl_dal.planner.noise_schedule import NoiseSchedule
 from irl_dal.planner.plan import Plan
 from irl_dal.planner.projection import PlanProjection, ProjectedPlans
 from irl_dal.planner.sampler import Refinement
-from shield import ActuatorLimits, ClearanceEstimate, HorizonProjector, LaneEstimate, Status
+from shield import (
+    ActuatorLimits,
+    ClearanceEstimate,
+    HorizonProjector,
+    LaneEstimate,
+    ScannerGeometry,
+    Status,
+)
 from shield.projection.fallback import FallbackPlan
 
 Array = NDArray[np.float64]
@@ -295,7 +302,7 @@ class DiffusionPlanner:
 def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:
     """Plan once without a deadline, so that no later plan is late because of a compiler."""
     ordinary = PlanningContext(
-        scan=np.full(BEAMS, 5.0),
+        scan=np.full(ScannerGeometry().beams, 5.0),
         clearance=ClearanceEstimate(5.0, 0.0, 0.1, 0.0, True),
         lane=LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.1, 0.0, True),
         speed=5.0,

@@ -6,10 +6,11 @@ import pytest
 from expert import ExpertConfig, FSMExpert, Mode
 from expert.crossing import CrossingConfig, CrossingWatch, Pedestrian
 from expert.lane_map import LaneMap
-from shield import ActuatorLimits, LaneEstimate
+from shield import ActuatorLimits, LaneEstimate, ScannerGeometry
 
 LANE = LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.05, 0.0, valid=True)
-ANGLES = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 180)
+SCANNER = ScannerGeometry()
+ANGLES = SCANNER.angles
 
 
 def scan_of(x: float, y: float, width: float) -> np.ndarray:
@@ -23,44 +24,44 @@ def scan_of(x: float, y: float, width: float) -> np.ndarray:
 
 def watch(x: float, ys: np.ndarray, width: float) -> list[Pedestrian]:
     """What is seen of a thing that moves sideways while the car stands."""
-    found: list[Pedestrian] = []
-    watcher = CrossingWatch(CrossingConfig(), 0.1)
+    people: list[Pedestrian] = []
+    watcher = CrossingWatch(CrossingConfig(), 0.1, SCANNER.mount)
     for y in ys:
-        found = watcher.update(LaneMap.build(scan_of(x, y, width), LANE, 40.0), 0.0, 0.0)
-    return found
+        people = watcher.update(LaneMap.build(scan_of(x, y, width), LANE, SCANNER), 0.0, 0.0)
+    return people
 
 
-def test_a_walker_is_seen_and_his_direction_too() -> None:
+def test_a_pedestrian_and_its_direction_are_seen() -> None:
     """From the right to the left through the home lane."""
     people = watch(14.0, np.linspace(-1.6, 0.2, 16), 0.5)
     assert len(people) == 1
-    assert people[0].way == 1.0
+    assert people[0].direction == 1.0
     assert people[0].s == pytest.approx(14.0, abs=0.3)
     assert people[0].d == pytest.approx(0.2, abs=0.3)
 
 
 def test_a_barrel_and_a_car_are_no_pedestrians() -> None:
-    """Narrow and still in the lane, or wide: nobody crosses."""
+    """Narrow and still in the lane, or wide: no pedestrian."""
     assert watch(14.0, np.full(16, 0.3), 0.7) == []
     assert watch(14.0, np.linspace(-1.6, 0.2, 16), 1.8) == []
 
 
 @pytest.mark.parametrize(
-    ("d", "way", "blocks"),
+    ("d", "direction", "blocks"),
     [(-1.5, 1.0, True), (0.5, 1.0, True), (2.5, 1.0, False), (2.0, -1.0, True)],
 )
-def test_who_blocks_the_home_lane(d: float, way: float, blocks: bool) -> None:
-    """Everybody who is on it or about to be; nobody who has left it."""
-    assert Pedestrian(12.0, d, way).blocks(0.0, 6.0, 1.9) is blocks
+def test_which_pedestrians_block_the_home_lane(d: float, direction: float, blocks: bool) -> None:
+    """Those on it and about to be, not those who have left it."""
+    assert Pedestrian(12.0, d, direction).blocks(0.0, 6.0, 1.9) is blocks
 
 
-def test_the_car_passes_before_a_far_walker() -> None:
-    """Beside the bumper and four metres away he is too late to matter."""
+def test_the_car_passes_before_a_far_pedestrian() -> None:
+    """Beside the bumper and four metres away a pedestrian arrives too late to matter."""
     assert not Pedestrian(0.5, -2.4, 1.0).blocks(3.5, 0.0, 1.9)
 
 
 def test_the_expert_stops_and_does_not_swerve() -> None:
-    """In front of a walker it brakes in its lane instead of overtaking him."""
+    """In front of a pedestrian it brakes in its lane instead of overtaking."""
     expert = FSMExpert(ExpertConfig(), ActuatorLimits())
     speeds = []
     for k in range(20):
@@ -72,17 +73,68 @@ def test_the_expert_stops_and_does_not_swerve() -> None:
     assert speeds[-1] < 2.5 < speeds[5]
 
 
-def test_stuck_beams_are_left_out() -> None:
-    """A beam that repeats itself bit by bit in front of the car stops nobody for long."""
-    expert = FSMExpert(ExpertConfig(), ActuatorLimits())
+def test_judgements_of_lost_tracks_are_forgotten() -> None:
+    """However many things pass, what is remembered is bounded."""
+    watcher = CrossingWatch(CrossingConfig(), 0.1, SCANNER.mount)
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        scan = scan_of(float(rng.uniform(6.0, 20.0)), float(rng.uniform(-1.0, 4.0)), 0.6)
+        watcher.update(LaneMap.build(scan, LANE, SCANNER), 0.0, 0.0)
+    assert len(watcher._judgements) < 20
+
+
+def changing_scan(rng: np.random.Generator) -> np.ndarray:
+    """A wall far to the left, with a reading's noise, and nothing ahead."""
     scan = np.full(180, 40.0)
-    scan[60:120] = 8.0
-    decisions = [expert.act(scan, LANE, 5.0, np.array([0.0, 5.0])) for _ in range(8)]
-    assert decisions[0].setpoint[1] < 6.0
-    assert decisions[-1].setpoint[1] > 8.0
+    scan[150:] = 12.0 + 0.03 * rng.normal(size=30)
+    return scan
+
+
+def test_a_stuck_beam_is_left_out() -> None:
+    """A beam that repeats itself bit by bit while the scene changes stops nobody for long."""
+    expert, rng = FSMExpert(ExpertConfig(), ActuatorLimits()), np.random.default_rng(0)
+    speeds = []
+    for _ in range(20):
+        scan = changing_scan(rng)
+        scan[90] = 2.5
+        decision = expert.act(scan, LANE, 5.0, np.array([0.0, 5.0]))
+        speeds.append(float(decision.setpoint[1]))
+    assert speeds[0] < 3.0
+    assert speeds[-1] > 6.5
+
+
+def test_a_car_ahead_at_a_standstill_is_no_stuck_beam() -> None:
+    """Waiting behind a standing car with a noise-free scanner, the expert goes on waiting."""
+    expert = FSMExpert(ExpertConfig(), ActuatorLimits())
+    scan = np.minimum(scan_of(2.0, 0.0, 8.0), scan_of(3.0, 3.5, 3.0))
+    decisions = [expert.act(scan, LANE, 0.0, np.zeros(2)) for _ in range(20)]
+    assert max(float(decision.setpoint[1]) for decision in decisions) < 1.0
+
+
+@pytest.mark.parametrize("kind", ["nan", "frozen", "half dead"])
+def test_an_unusable_scan_slows_the_expert_down(kind: str) -> None:
+    """Without a scanner the expert drives at its blind speed, not at cruise speed."""
+    expert, rng = FSMExpert(ExpertConfig(), ActuatorLimits()), np.random.default_rng(0)
+    frozen = changing_scan(rng)
+    for _ in range(10):
+        scan = frozen.copy() if kind == "frozen" else changing_scan(rng)
+        if kind != "frozen":
+            scan[: 180 if kind == "nan" else 95] = np.nan
+        decision = expert.act(scan, LANE, 5.0, np.array([0.0, 5.0]))
+    assert decision.setpoint[1] == ExpertConfig().longitudinal.blind_speed
+
+
+def test_a_scan_of_another_scanner_is_refused() -> None:
+    """The error names the argument and both sizes; a scanner of that size is welcome."""
+    with pytest.raises(ValueError, match=r"`scan` must have shape \(180,\). Got \(90,\)"):
+        FSMExpert(ExpertConfig(), ActuatorLimits()).act(np.full(90, 40.0), LANE, 5.0, np.zeros(2))
+    scanner = ScannerGeometry(beams=90, max_range=20.0)
+    expert = FSMExpert(ExpertConfig(), ActuatorLimits(), scanner=scanner)
+    decision = expert.act(np.full(90, 20.0), LANE, 5.0, np.array([0.0, 5.0]))
+    assert decision.setpoint[1] == ExpertConfig().longitudinal.cruise_speed
 
 
 def test_nonsense_is_refused() -> None:
     """The error names the field and the value."""
-    with pytest.raises(ValueError, match="`width` must be positive. Got 0.0"):
-        CrossingConfig(width=0.0)
+    with pytest.raises(ValueError, match="`room` must be positive.* Got 0.0"):
+        CrossingConfig(room=0.0)

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from expert.longitudinal import LongitudinalConfig, bend_speed, stopping_speed
+from expert.longitudinal import CREEP_GAP, LongitudinalConfig, bend_speed, stopping_speed
 from shield import LaneEstimate, LaneMeasurement, LaneTracker
 
 CONFIG = LongitudinalConfig()
@@ -34,4 +34,4 @@ def test_speed_falls_with_the_gap_and_ends_at_zero() -> None:
     assert speeds == sorted(speeds, reverse=True)
     for gap, speed in zip(gaps, speeds, strict=True):
         assert speed**2 / (2.0 * CONFIG.deceleration) <= max(gap - CONFIG.standoff, 0.17) + 1e-9
-    assert stopping_speed(CONFIG, CONFIG.creep_gap) == 0.0
+    assert stopping_speed(CONFIG, CREEP_GAP) == 0.0

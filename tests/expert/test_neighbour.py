@@ -11,7 +11,7 @@ DT = 0.1
 
 def overtake(theirs: float, ours: float, seconds: float, noise: float = 0.0) -> Neighbour:
     """Come up to a thing of speed `theirs`, lose it beside the bumper, drive on for a while."""
-    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT)
+    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT, length=4.5)
     gap, sign = 12.0, 1.0
     while gap > 0.0:
         neighbour.update(gap + sign * noise, ours)
@@ -23,7 +23,7 @@ def overtake(theirs: float, ours: float, seconds: float, noise: float = 0.0) -> 
 
 def test_nothing_beside_is_passed_at_once() -> None:
     """With a home lane free for the hold distance there is nothing to wait for."""
-    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT)
+    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT, length=4.5)
     for _ in range(3):
         neighbour.update(math.inf, 8.0)
         assert not neighbour.passed(8.0)
@@ -35,7 +35,7 @@ def test_nothing_beside_is_passed_at_once() -> None:
 @pytest.mark.parametrize("theirs", [0.0, 2.0, 4.5])
 def test_the_speed_comes_from_the_gap(theirs: float) -> None:
     """While it is seen, its speed is known in spite of the LiDAR's noise."""
-    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT)
+    neighbour = Neighbour(clear=22.0, hold=3.0, dt=DT, length=4.5)
     gap = 20.0
     for k in range(20):
         neighbour.update(gap + 0.03 * (-1.0) ** k, 7.0)

@@ -6,22 +6,15 @@ import math
 
 import numpy as np
 
-from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, PlanningContext, hazard
+from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_rollout
 from irl_dal.shortcuts import compiled
-from shield import ActuatorLimits
+from shield import ActuatorLimits, VehicleGeometry
 
-LIDAR_POSITION = 3.6
-"""From the rear axle to the LiDAR at the front bumper [m]."""
-
-DISC_CENTRES = np.array([-0.15, 1.35, 2.85])
-"""From the rear axle to the centres of the discs that cover the car (4.5 m x 1.8 m) [m]."""
-DISC_CENTRES.setflags(write=False)
-
-DISC_RADIUS = 1.172
-"""Half the diagonal of a third of the car [m]."""
+DISCS = 3
+"""Discs that cover the car, one for each third of its length."""
 
 OBJECT_SIZE = 3.0
 """Returns within this distance of the nearest one move with it [m]; about a car."""
@@ -44,6 +37,7 @@ class ClearanceEnergy(Energy):
     ) -> None:
         super().__init__(context, config, limits, horizon)
         self._weight = clearance_weight(context, config)
+        self._centres, self._radius = cover(context.vehicle)
         self._tail = NO_TAIL if config.braking is None else BrakingTail(config.braking)
         points, velocities = self._reachable(*scan_points(context))
         driven = limits.dt * np.arange(1, horizon + 1)[:, None] * np.ones(len(points))
@@ -65,7 +59,8 @@ class ClearanceEnergy(Energy):
             plans.commands,
             self._east,
             self._north,
-            self.config.safe_clearance,
+            self._centres,
+            self._radius + self.config.safe_clearance,
             self._weight / self.config.clearance_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
@@ -75,7 +70,7 @@ class ClearanceEnergy(Energy):
 
     def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
         """The points that can come within the safe clearance during the horizon."""
-        reach = DISC_CENTRES[-1] + DISC_RADIUS + self.config.safe_clearance
+        reach = self._centres[-1] + self._radius + self.config.safe_clearance
         own = max(abs(self.limits.max_speed), abs(self.limits.min_speed))
         speed = own + np.linalg.norm(velocities, axis=1)
         longest = self.horizon * self.limits.dt
@@ -90,6 +85,7 @@ def _nearness(
     commands: Array,
     east: Array,
     north: Array,
+    centres: Array,
     safe: float,
     weight: float,
     wheelbase: float,
@@ -98,7 +94,8 @@ def _nearness(
 ) -> tuple[Array, Array]:
     """`weight` times the mean over N of max(0, safe - d_i)^2, and its derivative per command.
 
-    Points are where they are at each of the N poses, (N, P).
+    d_i is the distance from the nearest disc's centre to the nearest point. Points are where they
+    are at each of the N poses, (N, P).
     """
     ego = ego_rollout(commands, wheelbase, dt, tail)
     batch, count = ego.x.shape
@@ -109,14 +106,14 @@ def _nearness(
         for i in range(count):
             cos, sin = math.cos(ego.heading[b, i]), math.sin(ego.heading[b, i])
             least, point, disc = math.inf, 0, 0.0
-            for centre in DISC_CENTRES:
+            for centre in centres:
                 x, y = ego.x[b, i] + centre * cos, ego.y[b, i] + centre * sin
                 for p in range(east.shape[1]):
                     squared = (x - east[i, p]) ** 2 + (y - north[i, p]) ** 2
                     if squared < least:
                         least, point, disc = squared, p, centre
             distance = math.sqrt(least)
-            gap = safe + DISC_RADIUS - distance
+            gap = safe - distance
             if gap > 0.0:
                 value[b] += weight / count * gap * gap
                 # d(value) / d(distance) along the unit vector from the point to the disc.
@@ -143,6 +140,17 @@ def clearance_weight(context: PlanningContext, config: EnergyConfig) -> float:
     return config.clearance_weight * (1.0 + hazard(context.nearest))
 
 
+def cover(vehicle: VehicleGeometry) -> tuple[Array, float]:
+    """Discs that cover the car.
+
+    Returns:
+        From the rear axle to their centres (DISCS,) [m], rear to front, and their radius [m].
+    """
+    third = vehicle.length / DISCS
+    centres = np.asarray(third * (np.arange(DISCS) + 0.5) - vehicle.rear_overhang, np.float64)
+    return centres, math.hypot(0.5 * third, 0.5 * vehicle.width)
+
+
 def scan_points(context: PlanningContext) -> tuple[Array, Array]:
     """The scan's returns in the frame of the rear axle.
 
@@ -152,8 +160,9 @@ def scan_points(context: PlanningContext) -> tuple[Array, Array]:
     Returns:
         Positions (P, 2) [m] and velocities over ground (P, 2) [m/s].
     """
-    returned = context.scan < MAX_RANGE
-    ranges, angles = context.scan[returned], BEAM_ANGLES[returned]
+    scanner = context.geometry
+    returned = scanner.returned(context.scan)
+    ranges, angles = context.scan[returned], scanner.angles[returned]
     rays = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     points = ranges[:, None] * rays
     velocities = np.zeros_like(points)
@@ -163,5 +172,5 @@ def scan_points(context: PlanningContext) -> tuple[Array, Array]:
         away = context.speed * rays[nearest, 0] - float(context.clearance.closing_speed)
         together = np.linalg.norm(points - points[nearest], axis=1) < OBJECT_SIZE
         velocities[together] = away * rays[nearest]
-    points[:, 0] += LIDAR_POSITION
+    points[:, 0] += scanner.mount
     return points, velocities

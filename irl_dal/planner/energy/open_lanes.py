@@ -1,8 +1,7 @@
-"""Which lanes the car may want to be in, from what the scan shows in each.
+"""Which lanes are open to the car, from what the scan shows in each.
 
-E_lane pulls a plan to the nearest lane centre. While both lanes are open that is right: a change of
-lane is not undone. Towards a lane that is blocked it is not: with an oncoming car in the passing
-lane the nearest centre may be the one that the other car is on.
+E_lane pulls a plan to the nearest open lane's centre. Pulled to the nearest of all, a car beside an
+oncoming one in the passing lane would be pulled into its path.
 """
 
 from __future__ import annotations
@@ -10,16 +9,11 @@ from __future__ import annotations
 import numpy as np
 
 from expert import LaneMap
-from irl_dal.planner.context import MAX_RANGE, PlanningContext
+from expert.fsm import BESIDE, CORRIDOR
+from irl_dal.planner.context import PlanningContext
 
 SIGHT = 25.0
 """A lane is open where this much of it is free, from the front bumper [m]."""
-
-CORRIDOR = 1.45
-"""Half width of the strip that must be free [m]."""
-
-BESIDE = 1.0
-"""Points up to this far behind the bumper still block a lane [m]."""
 
 
 def open_lanes(context: PlanningContext) -> tuple[float, ...]:
@@ -31,7 +25,7 @@ def open_lanes(context: PlanningContext) -> tuple[float, ...]:
     centres = context.lane_centres
     if not context.lane.valid:
         return centres
-    lanes = LaneMap.build(context.scan, context.lane, MAX_RANGE)
+    lanes = LaneMap.build(context.scan, context.lane, context.geometry)
     gaps = [lanes.gap(centre, CORRIDOR, -BESIDE) for centre in centres]
     free = tuple(centre for centre, gap in zip(centres, gaps, strict=True) if gap >= SIGHT)
     return free or (centres[int(np.argmax(gaps))],)

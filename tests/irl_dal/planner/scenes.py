@@ -10,12 +10,13 @@ import torch
 from numpy.typing import NDArray
 
 from irl_dal.planner import DiffusionPlanner, PlannerConfig, PlanningContext
-from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE
-from shield import ActuatorLimits, ClearanceEstimate, LaneEstimate
+from shield import ActuatorLimits, ClearanceEstimate, LaneEstimate, ScannerGeometry
 
 Array = NDArray[np.float64]
 
 LIMITS = ActuatorLimits()
+SCANNER = ScannerGeometry()
+BEAM_ANGLES, MAX_RANGE = SCANNER.angles, SCANNER.max_range
 HORIZON = 8
 
 

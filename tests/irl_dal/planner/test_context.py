@@ -9,7 +9,7 @@ import pytest
 from irl_dal.planner import PlanningContext
 from irl_dal.planner import context as places
 from irl_dal.planner.context import hazard
-from shield import ClearanceEstimate
+from shield import ClearanceEstimate, ScannerGeometry
 from tests.irl_dal.planner.scenes import context, lane, open_road, scan_of
 
 
@@ -106,7 +106,9 @@ def test_finite_notices_everything(part: str, bad: float) -> None:
 @pytest.mark.parametrize(
     ("name", "value"),
     [
-        ("scan", np.zeros(90)),
+        ("scan", np.zeros(7)),
+        ("scan", np.zeros((2, 90))),
+        ("scanner", ScannerGeometry(beams=90)),
         ("previous", np.zeros(3)),
         ("expert_reference", np.zeros(8)),
         ("lane_centres", ()),
@@ -114,7 +116,7 @@ def test_finite_notices_everything(part: str, bad: float) -> None:
 )
 def test_wrong_shapes_are_refused(name: str, value: object) -> None:
     """A context of the wrong size is refused by name."""
-    with pytest.raises(ValueError, match=f"`{name}` must .* Got"):
+    with pytest.raises(ValueError, match="must have shape .* Got|must name"):
         replace(context(), **{name: value})  # type: ignore[arg-type]
 
 
@@ -135,3 +137,25 @@ def test_hazard_level() -> None:
     assert hazard(3.0) == pytest.approx(1.0 - math.tanh(1.0))
     assert hazard(-5.0) == 1.0
     assert 0.0 <= hazard(1e9) < 1e-12
+
+
+@pytest.mark.parametrize("beams", [8, 29, 30, 90, 181, 720])
+def test_any_scanner_gives_the_same_picture(beams: int) -> None:
+    """A car ahead is in the middle sectors, and nothing elsewhere, whatever the number of beams."""
+    angles = ScannerGeometry(beams=beams).angles
+    scan = np.where(np.abs(angles) < 0.25, 6.0, 40.0)
+    scene = open_road(scan=scan)
+    code = scene.encode()
+    sectors = code[places.SECTOR_START : places.SECTOR_START + places.SECTORS]
+    assert float(sectors[14:16].max()) == pytest.approx(5.0 / 11.0)
+    assert float(sectors[[0, 5, 24, 29]].max()) == pytest.approx(5.0 / 45.0)
+    assert abs(float(code[places.NEAREST_BEARING])) < 0.2
+    assert float(code[places.SCAN_RETURNS]) == pytest.approx(float((scan < 40.0).mean()))
+
+
+def test_the_range_of_the_scanner_is_its_own() -> None:
+    """An empty scan of a 20 m scanner reads like one of a 40 m scanner: no return."""
+    short = open_road(scan=np.full(180, 20.0), scanner=ScannerGeometry(max_range=20.0))
+    code = short.encode()
+    assert code[places.SCAN_RETURNS] == 0.0
+    assert float(code[places.SCAN_MEAN]) == pytest.approx(1.0)

@@ -9,7 +9,7 @@ import torch
 from numpy.typing import NDArray
 
 from irl_dal.planner.action_scale import ActionScale
-from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE, hazard
+from irl_dal.planner.context import hazard
 from irl_dal.planner.energy import (
     ClearanceEnergy,
     Energy,
@@ -23,13 +23,16 @@ from irl_dal.planner.energy import (
     StabilityEnergy,
     TotalEnergy,
 )
-from irl_dal.planner.energy.clearance import DISC_CENTRES, DISC_RADIUS, LIDAR_POSITION
+from irl_dal.planner.energy.clearance import cover
 from irl_dal.planner.energy.lane import PREVIEW
 from irl_dal.planner.energy.open_lanes import open_lanes
-from shield import ClearanceEstimate
+from shield import ClearanceEstimate, ScannerGeometry, VehicleGeometry
 from tests.irl_dal.planner.scenes import (
+    BEAM_ANGLES,
     HORIZON,
     LIMITS,
+    MAX_RANGE,
+    SCANNER,
     chunks,
     context,
     lane,
@@ -38,6 +41,8 @@ from tests.irl_dal.planner.scenes import (
 )
 
 Array = NDArray[np.float64]
+
+DISC_CENTRES, DISC_RADIUS = cover(VehicleGeometry())
 
 TERMS: tuple[type[Energy], ...] = (
     LaneEnergy,
@@ -159,7 +164,7 @@ def torch_clearance(scene, config: EnergyConfig, actions: torch.Tensor) -> torch
     pose, clearances = torch.zeros(3).double(), []
     for i, (bend, speed) in enumerate(zip(*torch_commands(actions), strict=True)):
         pose = advance(pose, bend, speed * LIMITS.dt)
-        now = points + torch.tensor(np.array([LIDAR_POSITION, 0.0]))
+        now = points + torch.tensor(np.array([SCANNER.mount, 0.0]))
         now = now + moves * away * LIMITS.dt * (i + 1)
         clearances.append(gap_to(now, pose))
     for j in range(1, 5):  # four poses on the way to a stop at `braking`, the object braking too
@@ -241,7 +246,7 @@ def test_clearance_is_that_of_the_outline() -> None:
     """Standing before a wall, the energy is that of the gap between bumper disc and wall."""
     scene = context(bearing=0.0, distance=2.0, speed=0.0, previous=np.array([0.0, 0.0]))
     energy = ClearanceEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
-    gap = LIDAR_POSITION + 2.0 - DISC_CENTRES[-1] - DISC_RADIUS
+    gap = SCANNER.mount + 2.0 - DISC_CENTRES[-1] - DISC_RADIUS
     expected = (1.0 + hazard(2.0)) * ((3.0 - gap) / 2.0) ** 2
     value, _ = energy.evaluate(batch(constant(0.0, 0.0)))
     assert float(value[0]) == pytest.approx(expected, rel=1e-3)
@@ -351,3 +356,34 @@ def test_table_ii_is_the_default() -> None:
     config = EnergyConfig()
     assert (config.jerk_weight, config.stability_weight, config.expert_weight) == (0.1, 0.5, 2.0)
     assert (config.lane_scale, config.clearance_scale) == (0.5, 2.0)
+
+
+def test_the_discs_cover_the_car_whatever_its_size() -> None:
+    """Every point of the outline lies in a disc, and none reaches far beyond it."""
+    for vehicle in (VehicleGeometry(), VehicleGeometry(length=6.0, width=2.4, front_bumper=5.0)):
+        centres, radius = cover(vehicle)
+        x = np.linspace(-vehicle.rear_overhang, vehicle.front_bumper, 50)
+        for y in (0.0, 0.5 * vehicle.width):
+            distances = np.hypot(x[:, None] - centres, y).min(axis=1)
+            assert float(distances.max()) <= radius + 1e-12
+        assert radius < 0.75 * vehicle.width
+
+
+def test_a_longer_car_is_nearer_to_what_is_ahead() -> None:
+    """The obstacle term follows the car's outline and the scanner's mount in the context."""
+    scene = context(bearing=0.0, distance=4.0)
+    longer = replace(scene, vehicle=VehicleGeometry(length=5.5, front_bumper=4.6))
+    plan = batch(constant(0.0, 2.0))
+    energies = [
+        float(ClearanceEnergy(s, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)[0][0])
+        for s in (scene, longer)
+    ]
+    assert energies[1] > energies[0] > 0.0
+
+
+def test_a_short_ranged_scanner_sees_nothing_at_its_range() -> None:
+    """Beams that report the scanner's own range are no obstacle, however short that range is."""
+    scanner = ScannerGeometry(max_range=6.0)
+    scene = open_road(scan=np.full(180, 6.0), scanner=scanner)
+    assert not ClearanceEnergy(scene, EnergyConfig(), LIMITS, HORIZON).active
+    assert ClearanceEnergy(replace(scene, scanner=None), EnergyConfig(), LIMITS, HORIZON).active

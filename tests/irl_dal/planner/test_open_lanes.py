@@ -6,9 +6,16 @@ import numpy as np
 import pytest
 
 from irl_dal.planner import EnergyConfig, TotalEnergy
-from irl_dal.planner.context import BEAM_ANGLES, MAX_RANGE
 from irl_dal.planner.energy.open_lanes import open_lanes
-from tests.irl_dal.planner.scenes import HORIZON, LIMITS, lane, open_road, scan_of
+from tests.irl_dal.planner.scenes import (
+    BEAM_ANGLES,
+    HORIZON,
+    LIMITS,
+    MAX_RANGE,
+    lane,
+    open_road,
+    scan_of,
+)
 
 STRAIGHT = lane(lateral_offset=0.0, heading_error=0.0, curvature=0.0, curvature_rate=0.0)
 
