@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
+
 import numpy as np
 import torch
 from numpy.typing import NDArray
@@ -71,10 +73,11 @@ class Learners:
             loss = self.cloning.update(self._cloning_batch, steps)
             held_out = self.cloning.validate(self.replay, self._rng)
         record("bc/train_loss", loss)
-        if held_out is not None:
-            self.cloning.plateau(held_out.loss)
-            record("bc/loss", held_out.loss)
-            for mode, loss in held_out.per_mode.items():
+        if held_out:
+            mean = float(np.mean(list(held_out.values())))
+            self.cloning.plateau(mean)
+            record("bc/loss", mean)
+            for mode, loss in held_out.items():
                 record(f"bc/loss_{mode.name.lower()}", loss)
         record("bc/learning_rate", self.cloning.learning_rate)
         for name, parameter in self.ppo.policy.features_extractor.named_parameters():
@@ -101,11 +104,8 @@ class Learners:
             return
         with threads(self.threads):
             report = self.discriminator.update(self._expert_pairs(), self._agent_pairs(buffer))
-        record = self.ppo.logger.record
-        record("discriminator/loss", report.loss)
-        record("discriminator/accuracy", report.accuracy)
-        record("discriminator/expert_logit", report.expert_logit)
-        record("discriminator/agent_logit", report.agent_logit)
+        for name, value in asdict(report).items():
+            self.ppo.logger.record(f"discriminator/{name}", value)
 
     def sync_features(self) -> None:
         """SyncFeatures(): the discriminator sees with the policy's newest perception."""

@@ -69,7 +69,6 @@ class Pipeline:
         observers: Receive what happens.
         provenance: Commit, config hash, ...: kept in each checkpoint; a checkpoint with another
             `config_hash` is refused.
-        device: Where policy and discriminator are.
 
     Attributes:
         step: Environment steps so far, of all cars together.
@@ -92,7 +91,6 @@ class Pipeline:
         seed: int,
         observers: Sequence[Observer] = (),
         provenance: Mapping[str, str] | None = None,
-        device: str = "cpu",
     ) -> None:
         self.config = config
         self.step = 0
@@ -103,7 +101,7 @@ class Pipeline:
         self._planner = planner
         self.replay = _new_replay(config, cars, planner)
         self.recorder = Recorder(self.replay, self.correction, config.n_envs)
-        self.learners = self._build(cars, perception, device)
+        self.learners = self._build(cars, perception)
         self.log = RunLog(run_dir, self.recorder, observers)
         self._store = CheckpointStore(run_dir)
         self._provenance = dict(provenance or {})
@@ -182,16 +180,9 @@ class Pipeline:
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def _build(self, cars: VecEnv, perception: PerceptionConfig, device: str) -> Learners:
+    def _build(self, cars: VecEnv, perception: PerceptionConfig) -> Learners:
         config, rng = self.config, self._rng
-        ppo = build_ppo(
-            cars,
-            config.ppo,
-            perception,
-            weights=rng["policy"],
-            order=rng["rollout"],
-            device=device,
-        )
+        ppo = build_ppo(cars, config.ppo, perception, weights=rng["policy"], order=rng["rollout"])
         generator = torch.Generator(ppo.device)
         generator.manual_seed(int(rng["discriminator"].integers(2**63)))
         diffusion = None
@@ -331,8 +322,8 @@ class Pipeline:
         return {
             "policy": self.policy.state_dict(),
             "ppo": {
-                "optimizer": self.policy.optimizer.state_dict(),
-                "actor_rate": ppo.actor_rate.value,
+                "optimizer": ppo.optimizer.state_dict(),
+                "actor_rate": ppo.optimizer.actor_rate,
                 "noise": self._noise.get_state(),
             },
             "cloning": learners.cloning.state_dict(),
@@ -351,8 +342,8 @@ class Pipeline:
     def _load(self, state: Mapping[str, Any]) -> None:
         learners, ppo = self.learners, self.learners.ppo
         self.policy.load_state_dict(state["policy"])
-        self.policy.optimizer.load_state_dict(state["ppo"]["optimizer"])
-        ppo.actor_rate.value = state["ppo"]["actor_rate"]
+        ppo.optimizer.load_state_dict(state["ppo"]["optimizer"])
+        ppo.optimizer.actor_rate = state["ppo"]["actor_rate"]
         self._noise.set_state(state["ppo"]["noise"])
         learners.cloning.load_state_dict(state["cloning"])
         learners.discriminator.load_state_dict(state["discriminator"])
@@ -386,10 +377,9 @@ def _new_replay(
 ) -> ReplayBuffer:
     seen = cars.observation_space
     assert isinstance(seen, spaces.Dict)
-    (height, width, colours), (beams,) = seen["image"].shape, seen["lidar"].shape  # type: ignore[misc]
     return ReplayBuffer(
         config.buffer_capacity,
         horizon=1 if planner is None else planner.config.horizon,
-        image_shape=(height, width, colours),
-        beams=beams,
+        image_shape=seen["image"].shape,  # type: ignore[arg-type]
+        beams=seen["lidar"].shape[0],  # type: ignore[index]
     )

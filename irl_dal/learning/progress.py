@@ -51,56 +51,48 @@ class ProgressBar:
         self.console = console or Console()
         self.every = every
         self._shown: dict[str, float] = {}
-        self._rows = 0
+        self._rows = self._last = 0
         self._phase = ""
-        self._last = 0
         self._clock = (0, time.monotonic())
         self._bar = Progress(
             TextColumn("[bold]{task.description}"),
             BarColumn(bar_width=24),
             MofNCompleteColumn(),
-            TextColumn("{task.fields[speed]:.0f} steps/s"),
             TimeRemainingColumn(),
             TextColumn("{task.fields[metrics]}"),
             console=self.console,
             refresh_per_second=4,
+            disable=not self.console.is_terminal,
         )
-        self._task = (
-            None
-            if not self.console.is_terminal
-            else self._bar.add_task("", total=None, speed=0.0, metrics="")
-        )
+        self._task = self._bar.add_task("", total=None, metrics="")
 
     def begin(self, phase: str, step: int, last: int) -> None:
         """Show the phase."""
         self._phase, self._last = phase, last
         self._clock = (step, time.monotonic())
-        if self._task is None:
+        if not self.console.is_terminal:
             self.console.print(f"{phase}: {step} of {last} steps")
-            return
         self._bar.start()
         self._bar.reset(self._task, description=phase, completed=step, total=last)
 
     def advance(self, step: int) -> None:
         """Move the bar."""
-        if self._task is not None:
-            self._bar.update(self._task, completed=step)
+        self._bar.update(self._task, completed=step)
 
     def metrics(self, step: int, values: Mapping[str, float]) -> None:
         """Show the newest of the key metrics."""
         self._shown |= {key: float(value) for key, value in values.items() if key in SHOWN}
-        text = "  ".join(
+        self._rows += 1
+        if not self.console.is_terminal and self._rows % self.every:
+            return
+        (earlier, then), now = self._clock, time.monotonic()
+        self._clock = (step, now)
+        text = f"{(step - earlier) / max(now - then, 1e-9):.0f} steps/s  " + "  ".join(
             form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown
         )
-        then, now = self._clock, (step, time.monotonic())
-        speed = (now[0] - then[0]) / max(now[1] - then[1], 1e-9)
-        self._rows += 1
-        if self._task is not None:
-            self._clock = now
-            self._bar.update(self._task, completed=step, speed=speed, metrics=text)
-        elif self._rows % self.every == 0:
-            self._clock = now
-            self.console.print(f"{self._phase}  {step}/{self._last}  {speed:.0f} steps/s  {text}")
+        self._bar.update(self._task, metrics=text)
+        if not self.console.is_terminal:
+            self.console.print(f"{self._phase}  {step}/{self._last}  {text}")
 
     def end(self) -> None:
         """Take the bar away."""

@@ -28,6 +28,7 @@ import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -37,6 +38,7 @@ from torch.utils.tensorboard import SummaryWriter
 from irl_dal.learning.collection.recorder import Recorder
 from irl_dal.learning.collection.step_record import Counts
 from irl_dal.learning.progress import Observer
+from irl_dal.storage.atomic import write_text
 
 __all__ = ["MetricsCsv", "RunLog", "metrics_logger", "read_metrics"]
 
@@ -153,43 +155,38 @@ class RunLog:
 class MetricsCsv(KVWriter):
     """One row per dump, the environment step first, a new column whenever a new key turns up.
 
-    What lies in the file from an earlier part of the run is kept up to `step`: rows of an interval
-    that was lost, or half a row that a killed process left, are removed. Every rewrite is atomic.
+    The file is rewritten with every row, atomically. Rows that an earlier part of the run wrote
+    after `step`, in an interval that was lost, are dropped.
 
     Args:
         path: The CSV file.
-        step: Step at which the run goes on.
+        step: Step at which the run goes on; 0 begins an empty file.
     """
 
     def __init__(self, path: Path, step: int = 0) -> None:
         self.path = path
-        self._columns, rows = _read(path)
-        self._rewrite([row for row in rows if int(row[STEP]) <= step] if step else [])
+        earlier = read_metrics(path) if step else []
+        self._rows: list[Mapping[str, Any]] = [row for row in earlier if int(row[STEP]) <= step]
+        self._rewrite()
 
     def write(
         self, key_values: dict[str, Any], key_excluded: dict[str, tuple[str, ...]], step: int = 0
     ) -> None:
-        """Append a row."""
-        row = {STEP: step} | {
-            key: value for key, value in key_values.items() if "csv" not in key_excluded[key]
-        }
-        new = sorted(row.keys() - set(self._columns))
-        if new:
-            self._columns += new
-            self._rewrite(_read(self.path)[1])
-        with self.path.open("a", newline="") as file:
-            csv.DictWriter(file, self._columns, restval="").writerow(row)
+        """Add a row."""
+        kept = {key: value for key, value in key_values.items() if "csv" not in key_excluded[key]}
+        self._rows.append({STEP: step} | dict(sorted(kept.items())))
+        self._rewrite()
 
     def close(self) -> None:
         """Nothing is held open between two rows."""
 
-    def _rewrite(self, rows: list[dict[str, str]]) -> None:
-        hidden = self.path.with_name(f".{self.path.name}.part")
-        with hidden.open("w", newline="") as file:
-            writer = csv.DictWriter(file, self._columns, restval="")
-            writer.writeheader()
-            writer.writerows(rows)
-        hidden.replace(self.path)
+    def _rewrite(self) -> None:
+        columns = dict.fromkeys([STEP, *(key for row in self._rows for key in row)])
+        text = StringIO(newline="")
+        writer = csv.DictWriter(text, columns, restval="")
+        writer.writeheader()
+        writer.writerows(self._rows)
+        write_text(self.path, text.getvalue())
 
 
 def metrics_logger(run_dir: Path, step: int = 0) -> Logger:
@@ -208,20 +205,5 @@ def metrics_logger(run_dir: Path, step: int = 0) -> Logger:
 
 
 def read_metrics(path: Path) -> list[Mapping[str, str]]:
-    """All rows of a metrics file; empty strings where a row has no value."""
-    return list(_read(path)[1])
-
-
-def _read(path: Path) -> tuple[list[str], list[dict[str, str]]]:
-    """Columns and complete rows."""
-    if not path.is_file():
-        return [STEP], []
-    text = path.read_text()
-    # A row without its line end is one that a killed process did not finish.
-    lines = text[: text.rfind("\n") + 1].splitlines()
-    if not lines:
-        return [STEP], []
-    reader = csv.DictReader(lines)
-    columns = list(reader.fieldnames or [STEP])
-    rows = [row for row in reader if row[STEP].isdecimal()]
-    return columns, rows
+    """All rows of a metrics file; empty strings where a row has no value, none without a file."""
+    return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []

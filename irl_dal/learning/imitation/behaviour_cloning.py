@@ -33,7 +33,7 @@ from irl_dal.perception import LearnableAdaptiveMask
 from irl_dal.shortcuts import reduced_precision
 from shield.arguments import check_positive, check_within
 
-__all__ = ["BehaviourCloning", "CloningConfig", "CloningLoss"]
+__all__ = ["BehaviourCloning", "CloningConfig"]
 
 
 STEPS_PER_LOOK = 150
@@ -82,20 +82,6 @@ class CloningConfig:
         check_within(ValueError, 0, math.inf, **{name: getattr(self, name) for name in names})
         check_within(ValueError, 1, math.inf, batch_size=self.batch_size)
         check_within(ValueError, 0.0, 1.0, corrected_share=self.corrected_share)
-
-
-@dataclass(frozen=True, slots=True)
-class CloningLoss:
-    """Held-out loss, without the L2 term.
-
-    Attributes:
-        loss: Mean squared error over samples and both components, normalised units, each mode with
-            the same weight (design section 6, `bc_loss`).
-        per_mode: The same for each mode that the held-out set has.
-    """
-
-    loss: float
-    per_mode: dict[Mode, float]
 
 
 class BehaviourCloning:
@@ -162,20 +148,23 @@ class BehaviourCloning:
         self.policy.set_training_mode(False)
         return float(np.mean(losses)) if losses else float("nan")
 
-    def validate(self, replay: ReplayBuffer, rng: np.random.Generator) -> CloningLoss | None:
-        """Loss on held-out states, drawn evenly over the modes; None while nothing is held out."""
+    def validate(self, replay: ReplayBuffer, rng: np.random.Generator) -> dict[Mode, float]:
+        """Held-out loss of each mode, without the L2 term; empty while nothing is held out.
+
+        Mean squared error over samples and both components, normalised units. The mean over the
+        modes is the `bc_loss` of the reports.
+        """
         if replay.count(held_out=True) == 0:
-            return None
+            return {}
         batch = replay.sample(rng, VALIDATION_SIZE, held_out=True)
         with torch.no_grad():
             actions = mean_action(self.policy, observation_tensors(batch, self.policy.device))
         errors = (actions.cpu().numpy() - batch.labels) ** 2
-        per_mode = {
+        return {
             mode: float(errors[batch.modes == mode].mean())
             for mode in Mode
             if (batch.modes == mode).any()
         }
-        return CloningLoss(float(np.mean(list(per_mode.values()))), per_mode)
 
     def plateau(self, loss: float) -> None:
         """Take note of a held-out loss; the scheduler looks every `STEPS_PER_LOOK` steps."""

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 import torch
@@ -37,19 +37,10 @@ class ExperienceCorrection:
     Attributes:
         form: `label`, `paper` or `off`.
         marks: Transitions that went into the replay buffer with the marker so far.
-
-    Raises:
-        ValueError: If `form` is unknown.
     """
 
     form: CorrectionForm = "label"
     marks: int = 0
-
-    def __post_init__(self) -> None:
-        if self.form not in get_args(CorrectionForm):
-            raise ValueError(
-                f"`saec` must be one of {get_args(CorrectionForm)}. Got {self.form!r}."
-            )
 
     def keeps(self, intervened: bool) -> bool:
         """Whether the replay buffer gets the step; counts the marks."""

@@ -58,13 +58,9 @@ def warm_start_critic(
 
 
 @torch.no_grad()
-def _features(
-    policy: DrivingPolicy, replay: ReplayBuffer, slots: NDArray[np.int64], size: int = 512
-) -> Tensor:
+def _features(policy: DrivingPolicy, replay: ReplayBuffer, slots: NDArray[np.int64]) -> Tensor:
     parts = []
-    for start in range(0, len(slots), size):
-        batch = replay.gather(slots[start : start + size])
-        extracted = policy.extract_features(observation_tensors(batch, policy.device))
-        assert isinstance(extracted, Tensor), "actor and critic share their features"
-        parts.append(extracted)
-    return torch.cat(parts)
+    for rows in np.array_split(slots, -(-len(slots) // BATCH_SIZE)):
+        seen = observation_tensors(replay.gather(rows), policy.device)
+        parts.append(policy.extract_features(seen))
+    return torch.cat(parts)  # type: ignore[arg-type]  # actor and critic share their features

@@ -106,7 +106,7 @@ class Discriminator:
         self._encoder = copy.deepcopy(policy.features_extractor).requires_grad_(False).eval()
         with torch.random.fork_rng():
             torch.manual_seed(int(torch.randint(2**62, (), generator=generator)))
-            self._head = _head(policy.features_dim).to(policy.device)
+            self._head = _Head(policy.features_dim).to(policy.device)
         self._optimizer = torch.optim.Adam(
             self._head.parameters(), lr=config.learning_rate, weight_decay=WEIGHT_DECAY
         )
@@ -129,7 +129,7 @@ class Discriminator:
 
     def expert_logit(self, features: Tensor, actions: Tensor) -> Tensor:
         """Logit log D - log(1 - D) (B,) of features (B, 512) and executed actions (B, 2)."""
-        logit: Tensor = self._head(torch.cat([features, actions.to(features)], dim=1)).squeeze(1)
+        logit: Tensor = self._head(features, actions.to(features))
         return logit
 
     @torch.no_grad()
@@ -206,24 +206,21 @@ def discriminator_loss(expert_logit: Tensor, agent_logit: Tensor) -> Tensor:
     return softplus(-expert_logit).mean() + softplus(agent_logit).mean()
 
 
-def _head(features: int) -> nn.Sequential:
-    # The features' scale drifts between two syncs; LayerNorm keeps it away from the head.
-    return nn.Sequential(
-        _NormalisedInput(features),
-        nn.Linear(features + 2, HIDDEN),
-        nn.Tanh(),
-        nn.Linear(HIDDEN, HIDDEN),
-        nn.Tanh(),
-        nn.Linear(HIDDEN, 1),
-    )
-
-
-class _NormalisedInput(nn.Module):
-    """LayerNorm on the features, the action as it is."""
+class _Head(nn.Module):
+    """MLP on features and action; LayerNorm because the features' scale drifts between syncs."""
 
     def __init__(self, features: int) -> None:
         super().__init__()
         self.norm = nn.LayerNorm(features)
+        self.layers = nn.Sequential(
+            nn.Linear(features + 2, HIDDEN),
+            nn.Tanh(),
+            nn.Linear(HIDDEN, HIDDEN),
+            nn.Tanh(),
+            nn.Linear(HIDDEN, 1),
+        )
 
-    def forward(self, inputs: Tensor) -> Tensor:
-        return torch.cat([self.norm(inputs[:, :-2]), inputs[:, -2:]], dim=1)
+    def forward(self, features: Tensor, actions: Tensor) -> Tensor:
+        """Logits (B,)."""
+        logits: Tensor = self.layers(torch.cat([self.norm(features), actions], dim=1))
+        return logits.squeeze(1)

@@ -29,7 +29,7 @@ from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.perception import PerceptionConfig
 from shield.arguments import check_positive, check_within
 
-__all__ = ["ActorCriticAdam", "ActorRate", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
+__all__ = ["ActorCriticAdam", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
 
 SAMPLES = 256
 """Observations on which the divergence of an update is measured."""
@@ -99,34 +99,6 @@ class PPOConfig:
             raise ValueError(f"`gamma` must be in [0, 1). Got {self.gamma}.")
 
 
-@dataclass(slots=True)
-class ActorRate:
-    """Learning rate of the actor.
-
-    Attributes:
-        value: Present rate.
-        ceiling: Largest rate.
-        target: Divergence that an update should have; None leaves the rate at the ceiling.
-    """
-
-    value: float
-    ceiling: float
-    target: float | None
-
-    def __post_init__(self) -> None:
-        if self.target is None:
-            self.value = self.ceiling
-
-    def follow(self, measured: float) -> None:
-        """Double or halve the rate after an update whose divergence was far from the target."""
-        if self.target is None:
-            return
-        if measured > 1.5 * self.target:
-            self.value = max(self.value / 2.0, LOWEST_ACTOR_RATE)
-        elif measured < self.target / 1.5:
-            self.value = min(self.value * 2.0, self.ceiling)
-
-
 class ActorCriticAdam(torch.optim.Adam):
     """Adam whose first group, the actor, has a learning rate of its own.
 
@@ -135,38 +107,47 @@ class ActorCriticAdam(torch.optim.Adam):
     Args:
         actor: Parameters of the actor, the perception's included.
         critic: Parameters of the critic.
-        learning_rate: Of the critic.
-        actor_rate: Of the actor.
+        config: The critic's learning rate, which is the actor's largest one, and the target.
+
+    Attributes:
+        actor_rate: Present learning rate of the actor.
     """
 
     def __init__(
-        self,
-        actor: list[nn.Parameter],
-        critic: list[nn.Parameter],
-        learning_rate: float,
-        actor_rate: ActorRate,
+        self, actor: list[nn.Parameter], critic: list[nn.Parameter], config: PPOConfig
     ) -> None:
         groups = [{"params": actor}, {"params": critic}]
-        super().__init__(groups, lr=learning_rate, eps=ADAM_EPSILON, fused=True)
-        self.actor_rate = actor_rate
+        super().__init__(groups, lr=config.learning_rate, eps=ADAM_EPSILON, fused=True)
+        self._highest, self._target = config.learning_rate, config.target_kl
+        self.actor_rate = self._highest if self._target is None else INITIAL_ACTOR_RATE
 
     def step(self, closure: Callable[[], float] | None = None) -> float | None:  # type: ignore[override]
         """A step with the actor's present rate."""
-        self.param_groups[0]["lr"] = self.actor_rate.value
+        self.param_groups[0]["lr"] = self.actor_rate
         loss: float | None = super().step(closure)
         return loss
 
+    def follow(self, measured: float) -> None:
+        """Double or halve the actor's rate after an update whose divergence missed the target."""
+        if self._target is None:
+            return
+        if measured > 1.5 * self._target:
+            self.actor_rate = max(self.actor_rate / 2.0, LOWEST_ACTOR_RATE)
+        elif measured < self._target / 1.5:
+            self.actor_rate = min(self.actor_rate * 2.0, self._highest)
+
 
 class DrivingPPO(PPO):
-    """PPO on a `DrivingPolicy` and a `HybridRolloutBuffer`.
-
-    Attributes:
-        actor_rate: Set by `build_ppo`.
-    """
+    """PPO on a `DrivingPolicy`, an `ActorCriticAdam` and a `HybridRolloutBuffer`."""
 
     policy: DrivingPolicy
     rollout_buffer: HybridRolloutBuffer
-    actor_rate: ActorRate
+
+    @property
+    def optimizer(self) -> ActorCriticAdam:
+        """The policy's."""
+        assert isinstance(self.policy.optimizer, ActorCriticAdam)
+        return self.policy.optimizer
 
     def resize(self, steps: int) -> None:
         """Let the next update have so many steps of each car: the last one may have fewer."""
@@ -197,8 +178,8 @@ class DrivingPPO(PPO):
         super().train()
         measured = divergence(before, _gaussian(policy, seen))
         self.logger.record("train/divergence", measured)
-        self.logger.record("train/actor_rate", self.actor_rate.value)
-        self.actor_rate.follow(measured)
+        self.logger.record("train/actor_rate", self.optimizer.actor_rate)
+        self.optimizer.follow(measured)
 
     def _some_observations(self) -> dict[str, Tensor]:
         steps = self.rollout_buffer.buffer_size * self.n_envs
@@ -226,7 +207,6 @@ def build_ppo(
     *,
     weights: np.random.Generator,
     order: np.random.Generator,
-    device: str = "cpu",
 ) -> DrivingPPO:
     """PPO around our policy and rollout buffer.
 
@@ -236,7 +216,6 @@ def build_ppo(
         perception: Of the policy.
         weights: Source of the first weights and of the exploration noise.
         order: Source of the order of minibatches.
-        device: Where the policy is.
     """
     # The networks draw their first weights from torch's global generator: lend it a seed of ours.
     with torch.random.fork_rng():
@@ -257,24 +236,23 @@ def build_ppo(
             rollout_buffer_class=HybridRolloutBuffer,
             rollout_buffer_kwargs={"rng": order},
             policy_kwargs=policy_arguments(perception),
-            device=device,
+            device="cpu",
         )
-    ppo.actor_rate = ActorRate(INITIAL_ACTOR_RATE, config.learning_rate, config.target_kl)
-    _prepare(ppo.policy, config, ppo.actor_rate)
+    _prepare(ppo.policy, config)
     ppo.policy.generator = torch.Generator(ppo.device)
     ppo.policy.generator.manual_seed(int(weights.integers(2**63)))
     return ppo
 
 
 @torch.no_grad()
-def _prepare(policy: DrivingPolicy, config: PPOConfig, actor_rate: ActorRate) -> None:
+def _prepare(policy: DrivingPolicy, config: PPOConfig) -> None:
     """Our exploration noise, gradients and optimiser in place of stable-baselines3's."""
     policy.perception_gradient = config.perception_gradient
     policy.log_std.copy_(torch.tensor(config.initial_log_std))
     critic = [*policy.mlp_extractor.value_net.parameters(), *policy.value_net.parameters()]
     known = {id(parameter) for parameter in critic}
     actor = [parameter for parameter in policy.parameters() if id(parameter) not in known]
-    policy.optimizer = ActorCriticAdam(actor, critic, config.learning_rate, actor_rate)
+    policy.optimizer = ActorCriticAdam(actor, critic, config)
 
 
 @torch.no_grad()

@@ -42,9 +42,3 @@ def test_the_printed_form_alone_replaces_the_sample(form: str) -> None:
     expected = (-0.5 * z**2 - log_std - 0.5 * np.log(2 * np.pi)).sum()
     assert np.array_equal(actions[1], label(seen[1]))
     assert log_probs[1].item() == pytest.approx(expected, rel=1e-4)
-
-
-def test_an_unknown_form_is_refused() -> None:
-    """The refusal names the key and the value."""
-    with pytest.raises(ValueError, match="`saec` must be one of .*Got 'other'"):
-        ExperienceCorrection("other")  # type: ignore[arg-type]

@@ -18,7 +18,7 @@ from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRew
 from irl_dal.learning.reinforcement.policy import PERCEIVED, DrivingPolicy, actor_parameters
 from irl_dal.learning.reinforcement.ppo import (
     LOWEST_ACTOR_RATE,
-    ActorRate,
+    ActorCriticAdam,
     DrivingPPO,
     PPOConfig,
     build_ppo,
@@ -113,7 +113,7 @@ def test_table_2s_rate_alone_tears_the_cloned_policy_away() -> None:
 def test_the_actor_has_a_rate_of_its_own_and_the_critic_that_of_table_2() -> None:
     """Two parameter groups; together they are all parameters, each once."""
     ppo = new_ppo()
-    ppo.actor_rate.value = 2e-5
+    ppo.optimizer.actor_rate = 2e-5
     ppo.train()
     actor, critic = ppo.policy.optimizer.param_groups
     assert (actor["lr"], critic["lr"]) == (2e-5, 3e-4)
@@ -124,18 +124,18 @@ def test_the_actor_has_a_rate_of_its_own_and_the_critic_that_of_table_2() -> Non
 
 def test_the_rate_follows_the_divergence_between_floor_and_ceiling() -> None:
     """Halved when an update went too far, doubled when it fell short, kept in between."""
-    rate = ActorRate(1e-4, ceiling=3e-4, target=0.02)
-    values = []
+    weights = [torch.nn.Parameter(torch.zeros(2))], [torch.nn.Parameter(torch.zeros(2))]
+    adam, values = ActorCriticAdam(*weights, PPOConfig(target_kl=0.02)), []
     for measured in (0.5, 0.02, 0.001, 0.001, 0.001):
-        rate.follow(measured)
-        values.append(rate.value)
+        adam.follow(measured)
+        values.append(adam.actor_rate)
     assert values == pytest.approx([5e-5, 5e-5, 1e-4, 2e-4, 3e-4])
     for _ in range(30):
-        rate.follow(1.0)
-    assert rate.value == LOWEST_ACTOR_RATE
-    fixed = ActorRate(1e-4, ceiling=3e-4, target=None)
+        adam.follow(1.0)
+    assert adam.actor_rate == LOWEST_ACTOR_RATE
+    fixed = ActorCriticAdam(*weights, PPOConfig(target_kl=None))
     fixed.follow(1.0)
-    assert fixed.value == 3e-4
+    assert fixed.actor_rate == 3e-4
 
 
 def test_the_divergence_is_that_of_torchs_own_gaussians() -> None:
