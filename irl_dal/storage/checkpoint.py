@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import json
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
@@ -113,12 +113,11 @@ class CheckpointStore:
             self._shards = 0
         elif shard is not None and len(next(iter(shard.values()))):
             self._append(shard)
-        tensors = save_arrays(arrays)
         document = {
             "format": FORMAT_VERSION,
             "step": step,
             "provenance": dict(provenance or {}),
-            "tensors": {"size": len(tensors)},
+            "tensors": {"file": _TENSORS},
             "shards": self._shards,
             "state": skeleton,
         }
@@ -126,7 +125,7 @@ class CheckpointStore:
         hidden = self.folder / f".{number:06d}.part"
         shutil.rmtree(hidden, ignore_errors=True)
         hidden.mkdir(parents=True)
-        (hidden / _TENSORS).write_bytes(tensors)
+        (hidden / _TENSORS).write_bytes(save_arrays(arrays))
         (hidden / _STATE).write_text(json.dumps(document), encoding="utf-8")
         target = hidden.rename(self.folder / f"{number:06d}")
         self._remove_others(target)
@@ -149,8 +148,12 @@ class CheckpointStore:
         folder = complete[-1]
         path = folder / _STATE
         try:
-            document = _document(path)
-            arrays = _read_arrays(folder / _TENSORS, document["tensors"]["size"])
+            document = _read(path, json.loads)
+            written = document.get("format") if isinstance(document, dict) else None
+            if written != FORMAT_VERSION:
+                found = f"format {written} where this version reads {FORMAT_VERSION}"
+                raise CheckpointError(f"{path}: {found}")
+            arrays = _read(folder / document["tensors"]["file"], load_arrays)
             state = unpack(arrays, document["state"])
             parts = document["step"], state, document["provenance"], document["shards"]
         except (KeyError, TypeError, ValueError, RecursionError) as error:
@@ -180,7 +183,7 @@ class CheckpointStore:
         Raises:
             CheckpointError: If one is missing or damaged.
         """
-        return (_read_arrays(self._shard(i + 1)) for i in range(checkpoint.shards))
+        return (_read(self._shard(i + 1), load_arrays) for i in range(checkpoint.shards))
 
     def _append(self, shard: Mapping[str, NDArray[Any]]) -> None:
         self._replay.mkdir(parents=True, exist_ok=True)
@@ -259,33 +262,13 @@ def _require_finite(arrays: Arrays, where: str) -> None:
             raise CheckpointError(f"{where}: {name} is not finite, the training diverged")
 
 
-def _document(path: Path) -> dict[str, Any]:
+def _read(path: Path, parse: Callable[[bytes], Any]) -> Any:
     try:
-        document = json.loads(_read(path))
-    except ValueError:
-        raise CheckpointError(f"{path}: not valid JSON, truncated or damaged") from None
-    written = document.get("format") if isinstance(document, dict) else None
-    if written != FORMAT_VERSION:
-        raise CheckpointError(f"{path}: format {written} where this version reads {FORMAT_VERSION}")
-    return dict(document)
-
-
-def _read_arrays(path: Path, size: int | None = None) -> Arrays:
-    content = _read(path)
-    if size is not None and len(content) != size:
-        raise CheckpointError(f"{path}: {len(content)} bytes of {size}, truncated or damaged")
-    try:
-        return load_arrays(content)
-    except SafetensorError as error:
-        raise CheckpointError(
-            f"{path}: truncated or damaged ({shorten(str(error), 100)})"
-        ) from None
-
-
-def _read(path: Path) -> bytes:
-    try:
-        return path.read_bytes()
+        return parse(path.read_bytes())
     except FileNotFoundError:
         raise CheckpointError(f"{path}: the file is missing") from None
     except OSError as error:
         raise CheckpointError(f"{path}: cannot be read ({error.strerror})") from None
+    except (ValueError, RecursionError, SafetensorError) as error:
+        what = shorten(str(error), 100)
+        raise CheckpointError(f"{path}: truncated or damaged ({what})") from None
