@@ -1,7 +1,5 @@
 """A view from behind and above the car, for people."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

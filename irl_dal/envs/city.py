@@ -1,7 +1,5 @@
 """The city: a gymnasium environment on PyBullet."""
 
-from __future__ import annotations
-
 import copy
 from collections import deque
 from collections.abc import Mapping

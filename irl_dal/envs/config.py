@@ -1,7 +1,5 @@
 """What the city is like."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field

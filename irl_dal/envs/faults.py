@@ -1,7 +1,5 @@
 """What can be wrong with sensors and actuators, by configuration."""
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 

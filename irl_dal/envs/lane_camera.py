@@ -17,8 +17,6 @@ car, for at most `MAX_COAST` seconds; without one, the line with grass to its ri
 edge. A first fit that would put grass on the road is off by a lane and refused.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Light from a bright day to a dark evening, one draw an episode."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

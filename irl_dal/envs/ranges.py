@@ -1,15 +1,11 @@
 """Admissible values of a configuration's numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
 from shield.arguments import check_within
-
-__all__ = ["Ranges", "check_ranges"]
 
 # Smallest and largest value of each field; a pair of integers asks for an integer
 Ranges = Mapping[str, tuple[float, float]]

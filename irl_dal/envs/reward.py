@@ -5,8 +5,6 @@ a baseline that keeps safe states positive) but no numbers; these are ours. A ca
 about 1, so that the discriminator's reward in [-1, 1] weighs what `w_irl` says.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,9 +4,8 @@ Curvilinear coordinates: `s` [m] along the yellow centre line, `d` [m] to its le
 right: the ego's two lanes lie at negative `d`, the edge of the road 7 m to the right of the line.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -85,7 +84,7 @@ class Road:
             array.setflags(write=False)
 
     @classmethod
-    def generate(cls, rng: np.random.Generator, length: float) -> Road:
+    def generate(cls, rng: np.random.Generator, length: float) -> Self:
         """Draw straights, arcs and transitions until the road meets itself nowhere.
 
         Args:
@@ -104,7 +103,7 @@ class Road:
         )
 
     @classmethod
-    def _from_curvature(cls, curvature: Array, length: float) -> Road:
+    def _from_curvature(cls, curvature: Array, length: float) -> Self:
         steps = curvature * SPACING
         heading: Array = np.concatenate([[0.0], np.cumsum(0.5 * (steps[1:] + steps[:-1]))])
         midway = 0.5 * (heading[1:] + heading[:-1])

@@ -4,8 +4,6 @@ Triangles and bodies are what the software renderer costs, so the road is drawn 
 and go with the car, with the houses and trees beside them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Sensors of the ego car: LiDAR, camera and the lane sensor, each with its own noise."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -6,12 +6,10 @@ direction's. A road narrower than the two lanes is widened to the left. In hairp
 lanes swing out to the left, because no car could follow the inner edge.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Literal, Self
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -58,7 +56,7 @@ class Track:
         return SPACING * (len(self.points) - (0 if self.closed else 1))
 
     @classmethod
-    def read(cls, path: str | Path) -> Track:
+    def read(cls, path: str | Path) -> Self:
         """Read a file.
 
         Raises:
@@ -67,7 +65,7 @@ class Track:
         return cls._sample(TrackFile.read(path))
 
     @classmethod
-    def _sample(cls, file: TrackFile) -> Track:
+    def _sample(cls, file: TrackFile) -> Self:
         """Resample the yellow line every 0.5 m and check its bends."""
         closed = file.closed
         stations, points, left = _yellow_line(file)

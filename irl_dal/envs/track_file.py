@@ -5,18 +5,15 @@ the columns by name; without one the four columns have the order above. Nothing 
 that is neither heading, comment nor point refuses the file.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from irl_dal.envs.arrays import Array
-
-__all__ = ["COLUMNS", "TrackError", "TrackFile"]
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 
@@ -55,7 +52,7 @@ class TrackFile:
     closed: bool  # Whether the last point leads to the first
 
     @classmethod
-    def read(cls, path: str | Path) -> TrackFile:
+    def read(cls, path: str | Path) -> Self:
         """Read and check a file.
 
         Raises:

@@ -3,8 +3,6 @@
 A low-level controller turns a command [steering, speed] into hinge and wheel motors.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,7 +19,8 @@ DRIVE_ACCELERATION = 6.0
 # What the wheel motors can do [m/s^2]: above the shield's bounds, below the tyres' grip
 BRAKE_DECELERATION = 8.0
 SERVO_RATE = 1.2  # Turning rate of the steering hinges [rad/s]
-SERVO_TORQUE = 4000.0  # [N m]
+SERVO_TORQUE, SERVO_GAIN = 4000.0, 0.25  # [N m]; share of the error that a physics step removes
+GROUND = 0  # Bullet's number of the first body, which `World.clear` makes
 GRIP = 1.0  # Coulomb friction coefficient of the tyres
 
 
@@ -56,7 +55,7 @@ class Vehicle:
                 f"`wheelbase` must be below {geometry.front_bumper} m, where the front bumper is. "
                 f"Got {wheelbase}."
             )
-        self._world = world
+        self._world, self._bullet = world, world.bullet
         self._wheelbase = wheelbase
         # Halfway between the axles, where Bullet keeps the base frame [m].
         self._centre = 0.5 * wheelbase
@@ -69,24 +68,27 @@ class Vehicle:
             length=geometry.length,
             width=geometry.width,
         )
-        joints = world.joints(self.body)
+        bullet = self._bullet
+        rows = [bullet.getJointInfo(self.body, j) for j in range(bullet.getNumJoints(self.body))]
+        joints = {row[1].decode(): int(row[0]) for row in rows}
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
         self._spin = [
             joints[f"{end}_{side}_spin"] for end in ("front", "rear") for side in ("left", "right")
         ]
         for link in self._spin:
-            world.friction(self.body, link, GRIP)
+            bullet.changeDynamics(self.body, link, lateralFriction=GRIP)
 
     def place(self, x: float, y: float, yaw: float, speed: float) -> None:
         """Put the car's rear axle at (x, y) [m] with heading `yaw` [rad], rolling at `speed`."""
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
         at = np.array([x, y]) + self._centre * ahead
         self._world.move(self.body, (float(at[0]), float(at[1]), BASE_HEIGHT), yaw)
-        self._world.set_velocity(self.body, (*(speed * ahead).tolist(), 0.0))
+        velocity = (*(speed * ahead).tolist(), 0.0)
+        self._bullet.resetBaseVelocity(self.body, velocity, [0.0, 0.0, 0.0])
         for joint in self._steer:
-            self._world.set_joint(self.body, joint, 0.0, 0.0)
+            self._bullet.resetJointState(self.body, joint, 0.0, 0.0)
         for joint in self._spin:
-            self._world.set_joint(self.body, joint, 0.0, speed / WHEEL_RADIUS)
+            self._bullet.resetJointState(self.body, joint, 0.0, speed / WHEEL_RADIUS)
         self._speed = speed
         self.drive(0.0, speed)
 
@@ -96,19 +98,31 @@ class Vehicle:
         Its steering angle becomes the two angles of an Ackermann axle and each wheel gets the
         speed of its own circle, so that no tyre has to scrub.
         """
-        wheelbase = self._wheelbase
+        wheelbase, bullet = self._wheelbase, self._bullet
         curvature = float(np.tan(steering)) / wheelbase
         half = 0.5 * TRACK
         for joint, y in zip(self._steer, (half, -half), strict=True):
             angle = float(np.arctan2(wheelbase * curvature, 1.0 - y * curvature))
-            self._world.hinge(self.body, joint, angle, self._servo_rate, SERVO_TORQUE)
+            bullet.setJointMotorControl2(
+                self.body,
+                joint,
+                bullet.POSITION_CONTROL,
+                targetPosition=angle,
+                maxVelocity=self._servo_rate,
+                force=SERVO_TORQUE,
+                positionGain=SERVO_GAIN,
+                velocityGain=1.0,
+            )
         faster = speed > self._speed
         pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
         torque = 0.25 * MASS * pull * WHEEL_RADIUS
         wheels = ((wheelbase, half), (wheelbase, -half), (0.0, half), (0.0, -half))
         for joint, (x, y) in zip(self._spin, wheels, strict=True):
             own = speed * float(np.hypot(1.0 - y * curvature, x * curvature))
-            self._world.spin(self.body, joint, own / WHEEL_RADIUS, torque)
+            rate = own / WHEEL_RADIUS
+            bullet.setJointMotorControl2(
+                self.body, joint, bullet.VELOCITY_CONTROL, targetVelocity=rate, force=torque
+            )
 
     def advance(self, duration: float) -> None:
         """Let the world go on for `duration` [s]."""
@@ -116,20 +130,22 @@ class Vehicle:
 
     def touches(self) -> bool:
         """Whether the car touches anything but the ground."""
-        return bool(self._world.touching(self.body))
+        contacts = self._bullet.getContactPoints(bodyA=self.body)
+        return bool({row[2] for row in contacts} - {GROUND, self.body})
 
     def steering(self) -> float:
         """Angle of the bicycle's front wheel as the hinges stand [rad]."""
-        left, right = (self._world.joint_angle(self.body, joint) for joint in self._steer)
+        left, right = (self._bullet.getJointState(self.body, joint)[0] for joint in self._steer)
         return float(np.arctan(0.5 * (np.tan(left) + np.tan(right))))
 
     def state(self) -> VehicleState:
         """Where the car is and how it moves."""
-        position, rotation = self._world.frame(self.body)
-        linear, angular = self._world.velocity(self.body)
-        yaw = float(np.arctan2(rotation[1, 0], rotation[0, 0]))
+        position, quaternion = self._bullet.getBasePositionAndOrientation(self.body)
+        rotation = self._bullet.getMatrixFromQuaternion(quaternion)  # (9,), row by row
+        linear, angular = self._bullet.getBaseVelocity(self.body)
+        yaw = float(np.arctan2(rotation[3], rotation[0]))
         ahead = np.array([np.cos(yaw), np.sin(yaw)])
-        rear = position[:2] - self._centre * ahead
+        rear = np.array(position[:2]) - self._centre * ahead
         self._speed = float(ahead @ linear[:2])
         sideways = float(-ahead[1] * linear[0] + ahead[0] * linear[1])
         return VehicleState(

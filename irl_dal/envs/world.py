@@ -1,13 +1,11 @@
 """The physics engine behind a small surface: the one file that imports pybullet."""
 
-from __future__ import annotations
-
 import math
 import os
 import string
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
@@ -95,20 +93,21 @@ class _Lent:
 
 
 class _Client:
-    """Pybullet's functions with `physicsClientId` given."""
+    """Pybullet's constants, and its functions with `physicsClientId` given."""
 
     def __init__(self) -> None:
         self.id = pybullet.connect(pybullet.DIRECT)
 
-    def __getattr__(self, name: str) -> Callable[..., Any]:
-        return partial(getattr(pybullet, name), physicsClientId=self.id)
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(pybullet, name)
+        return partial(value, physicsClientId=self.id) if callable(value) else value
 
 
 class World:
     """One Bullet world in DIRECT mode; several live side by side in a process."""
 
     def __init__(self) -> None:
-        self._bullet = _Client()
+        self.bullet = _Client()
         self.is_open = True
         self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()
@@ -116,20 +115,20 @@ class World:
 
     def clear(self) -> None:
         """Remove every body and start again with gravity and flat, invisible ground."""
-        self._bullet.resetSimulation()
+        self.bullet.resetSimulation()
         self._step = math.nan
-        self._bullet.setGravity(0.0, 0.0, -GRAVITY)
+        self.bullet.setGravity(0.0, 0.0, -GRAVITY)
         self._set_step(MAX_PHYSICS_STEP)
-        self._bullet.setPhysicsEngineParameter(
+        self.bullet.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1, numSolverIterations=SOLVER_ITERATIONS
         )
-        plane = self._bullet.createCollisionShape(pybullet.GEOM_PLANE)
+        plane = self.bullet.createCollisionShape(pybullet.GEOM_PLANE)
         # Without a visual shape of its own the engine would draw the plane.
-        speck = self._bullet.createVisualShape(
+        speck = self.bullet.createVisualShape(
             pybullet.GEOM_BOX, halfExtents=[0.01] * 3, visualFramePosition=[0.0, 0.0, -50.0]
         )
-        floor = self._bullet.createMultiBody(0.0, plane, speck)
-        self._bullet.changeDynamics(floor, -1, lateralFriction=1.0)
+        floor = self.bullet.createMultiBody(0.0, plane, speck)
+        self.bullet.changeDynamics(floor, -1, lateralFriction=1.0)
 
     def __reduce__(self) -> NoReturn:
         """Refuse copies and pickles: the engine's state is not Python's."""
@@ -141,7 +140,7 @@ class World:
     def close(self) -> None:
         """Leave the engine; calling it twice is harmless."""
         if self.is_open:
-            self._bullet.disconnect()
+            self.bullet.disconnect()
             self.is_open = False
 
     def step(self, duration: float) -> None:
@@ -149,50 +148,44 @@ class World:
         count = max(1, math.ceil(duration / MAX_PHYSICS_STEP - ROUNDING))
         self._set_step(duration / count)
         for _ in range(count):
-            self._bullet.stepSimulation()
+            self.bullet.stepSimulation()
 
     def _set_step(self, step: float) -> None:
         """Let one step of the engine last `step` [s]."""
         if step != self._step:
-            self._bullet.setPhysicsEngineParameter(fixedTimeStep=step)
+            self.bullet.setPhysicsEngineParameter(fixedTimeStep=step)
             self._step = step
-
-    # Bodies
 
     def box(self, size: Sequence[float], colour: Colour, *, solid: bool = True) -> int:
         """Add a static box of edge lengths `size` (3,) [m], to be placed with `move`."""
         half = [0.5 * edge for edge in size]
-        shape = -1
-        if solid:
-            shape = self._bullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half)
-        visual = self._bullet.createVisualShape(
+        visual = self.bullet.createVisualShape(
             pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*colour, 1.0]
         )
-        return int(self._bullet.createMultiBody(0.0, shape, visual))
+        return self._static(visual, solid, pybullet.GEOM_BOX, halfExtents=half)
 
     def cylinder(self, radius: float, height: float, colour: Colour, *, solid: bool = True) -> int:
         """Add a static upright cylinder [m], drawn with eight sides, to be placed with `move`."""
-        shape = -1
-        if solid:
-            shape = self._bullet.createCollisionShape(
-                pybullet.GEOM_CYLINDER, radius=radius, height=height
-            )
         vertices, normals, triangles = _prism(radius, height)
         visual = self._shape(vertices, triangles, normals, colour)
-        return int(self._bullet.createMultiBody(0.0, shape, visual))
+        return self._static(visual, solid, pybullet.GEOM_CYLINDER, radius=radius, height=height)
+
+    def _static(self, visual: int, solid: bool, kind: int, **size: Any) -> int:
+        shape = self.bullet.createCollisionShape(kind, **size) if solid else -1
+        return int(self.bullet.createMultiBody(0.0, shape, visual))
 
     def mesh(self, vertices: Array, triangles: NDArray[np.int64], colour: Colour) -> int:
         """Add a flat, purely visual mesh: `vertices` (n, 3) [m], `triangles` (m, 3)."""
         upwards = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
         visual = self._shape(vertices, triangles, upwards, colour)
-        return int(self._bullet.createMultiBody(0.0, -1, visual))
+        return int(self.bullet.createMultiBody(0.0, -1, visual))
 
     def _shape(
         self, vertices: Array, triangles: NDArray[np.int64], normals: Array, colour: Colour
     ) -> int:
         self._indices[:] = triangles.ravel().tolist()
         return int(
-            self._bullet.createVisualShape(
+            self.bullet.createVisualShape(
                 pybullet.GEOM_MESH,
                 vertices=self._vertices.rows(vertices),
                 indices=self._indices,
@@ -202,92 +195,27 @@ class World:
         )
 
     def car(self, **dimensions: float) -> int:
-        """Load the ego vehicle's URDF; its base frame is the rear axle on the ground.
-
-        Args:
-            **dimensions: Values of the names in the file [m].
-        """
+        """Load the ego vehicle's URDF with values [m] for the names in it."""
         text = (resources.files("irl_dal.envs") / "car.urdf").read_text(encoding="utf-8")
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / "car.urdf"
             path.write_text(string.Template(text).substitute(dimensions), encoding="utf-8")
-            return int(self._bullet.loadURDF(str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
+            return int(self.bullet.loadURDF(str(path), flags=pybullet.URDF_USE_INERTIA_FROM_FILE))
 
     def remove(self, body: int) -> None:
         """Take a body out of the world."""
-        self._bullet.removeBody(body)
+        self.bullet.removeBody(body)
 
     def move(self, body: int, position: Sequence[float], yaw: float) -> None:
         """Put a body at `position` (3,) [m], upright, turned by `yaw` [rad]."""
         half = 0.5 * yaw
-        self._bullet.resetBasePositionAndOrientation(
+        self.bullet.resetBasePositionAndOrientation(
             body, position, [0.0, 0.0, float(np.sin(half)), float(np.cos(half))]
         )
 
-    # Joints of articulated bodies
-
-    def joints(self, body: int) -> dict[str, int]:
-        """Joint indices of a body by name."""
-        count = self._bullet.getNumJoints(body)
-        rows = (self._bullet.getJointInfo(body, j) for j in range(count))
-        return {row[1].decode(): int(row[0]) for row in rows}
-
-    def hinge(self, body: int, joint: int, angle: float, rate: float, torque: float) -> None:
-        """Servo a hinge to `angle` [rad] at no more than `rate` [rad/s] and `torque` [N m]."""
-        self._bullet.setJointMotorControl2(
-            body,
-            joint,
-            pybullet.POSITION_CONTROL,
-            targetPosition=angle,
-            maxVelocity=rate,
-            force=torque,
-            positionGain=0.25,
-            velocityGain=1.0,
-        )
-
-    def spin(self, body: int, joint: int, rate: float, torque: float) -> None:
-        """Drive a joint towards `rate` [rad/s] with at most `torque` [N m]."""
-        self._bullet.setJointMotorControl2(
-            body, joint, pybullet.VELOCITY_CONTROL, targetVelocity=rate, force=torque
-        )
-
-    def set_joint(self, body: int, joint: int, angle: float, rate: float) -> None:
-        """Put a joint at `angle` [rad], turning at `rate` [rad/s]."""
-        self._bullet.resetJointState(body, joint, angle, rate)
-
-    def joint_angle(self, body: int, joint: int) -> float:
-        """Angle of a joint [rad]."""
-        return float(self._bullet.getJointState(body, joint)[0])
-
-    def set_velocity(self, body: int, linear: Sequence[float]) -> None:
-        """Give a body the linear velocity (3,) [m/s] and no rotation."""
-        self._bullet.resetBaseVelocity(body, linear, [0.0, 0.0, 0.0])
-
-    def friction(self, body: int, link: int, lateral: float) -> None:
-        """Set the Coulomb friction coefficient of a link."""
-        self._bullet.changeDynamics(body, link, lateralFriction=lateral)
-
-    # What can be seen
-
-    def frame(self, body: int) -> tuple[Array, Array]:
-        """Position (3,) [m] and rotation matrix (3, 3) of the body's *inertial* base frame."""
-        position, quaternion = self._bullet.getBasePositionAndOrientation(body)
-        rotation = self._bullet.getMatrixFromQuaternion(quaternion)
-        return np.array(position), np.array(rotation).reshape(3, 3)
-
-    def velocity(self, body: int) -> tuple[Array, Array]:
-        """Linear (3,) [m/s] and angular (3,) [rad/s] velocity of a body's base."""
-        linear, angular = self._bullet.getBaseVelocity(body)
-        return np.array(linear), np.array(angular)
-
-    def touching(self, body: int) -> set[int]:
-        """Bodies in contact with `body`, the ground (body 0) left out."""
-        contacts = self._bullet.getContactPoints(bodyA=body)
-        return {int(row[2]) for row in contacts} - {0, body}
-
     def rays(self, origin: Array, ends: Array) -> Array:
         """Share of each ray's length that is free: `origin` (3,), `ends` (n, 3) → (n,)."""
-        hits = self._bullet.rayTestBatch([origin.tolist()] * len(ends), ends.tolist())
+        hits = self.bullet.rayTestBatch([origin.tolist()] * len(ends), ends.tolist())
         return np.array([hit[2] for hit in hits])
 
     def render(self, camera: CameraPose, light: Illumination) -> NDArray[np.uint8]:
@@ -299,7 +227,7 @@ class World:
         projection = pybullet.computeProjectionMatrixFOV(
             camera.field_of_view, camera.width / camera.height, camera.near, camera.far
         )
-        _, _, rgba, depth, _ = self._bullet.getCameraImage(
+        _, _, rgba, depth, _ = self.bullet.getCameraImage(
             camera.width,
             camera.height,
             view,

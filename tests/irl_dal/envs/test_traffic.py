@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from irl_dal.envs import CityConfig, CityEnv
-from irl_dal.envs.pedestrian import COMFORTABLE, Crossing, draw_crossing
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH
+from irl_dal.envs.traffic import COMFORTABLE, Crossing, draw_crossing
 
 
 @pytest.mark.parametrize("difficulty", ["easy", "paper", "hard"])

@@ -96,7 +96,7 @@ def fall(world: World, dt: float, count: int) -> float:
     world.move(car.body, (0.0, 0.0, 500.0), 0.0)
     for _ in range(count):
         world.step(dt)
-    return 500.0 - float(world.frame(car.body)[0][2])
+    return 500.0 - float(world.bullet.getBasePositionAndOrientation(car.body)[0][2])
 
 
 @pytest.mark.parametrize("dt", PERIODS)
