@@ -39,7 +39,6 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -66,7 +65,6 @@ __all__ = [
     "METRICS",
     "PLAN_METRICS",
     "STATISTICS",
-    "Measurements",
     "Row",
     "Value",
     "cloning_row",
@@ -90,37 +88,28 @@ RETURN_SCALE = 200.0
 """The expert's normalised return."""
 
 
-@dataclass(frozen=True, slots=True)
-class Measurements:
-    """What one evaluation measured, ready for JSON.
-
-    Attributes:
-        episodes: `episode_record` of each of the agent's N episodes.
-        references: Returns of random actions and of the expert on the same seeds (N, 2); None
-            where they were not driven.
-        cloning: `cloning_row` of each held-out expert episode.
-        distances: Distances between the agent's and the expert's path, one (K,) [m] per stretch.
-    """
-
-    episodes: Sequence[Mapping[str, Any]]
-    references: Sequence[Row] | None = None
-    cloning: Sequence[Row] = ()
-    distances: Sequence[Row] = ()
-
-
-def compute_metrics(measurements: Measurements, rng: np.random.Generator) -> dict[str, Value]:
+def compute_metrics(
+    episodes: Sequence[Mapping[str, Any]],
+    rng: np.random.Generator,
+    *,
+    references: Sequence[Row] = (),
+    cloning: Sequence[Row] = (),
+    distances: Sequence[Row] = (),
+) -> dict[str, Value]:
     """All numbers of an evaluation under their names, flat, ready for JSON.
 
     Args:
-        measurements: What was measured.
+        episodes: `episode_record` of each of the agent's N episodes.
         rng: Random source of the bootstrap.
+        references: Returns of random actions and of the expert on the same seeds (N, 2), if known.
+        cloning: `cloning_row` of each held-out expert episode.
+        distances: Distances between the agent's and the expert's path, one (K,) [m] per stretch.
 
     Raises:
         ValueError: If there are no episodes.
     """
-    episodes = measurements.episodes
     if not episodes:
-        raise ValueError("`measurements.episodes` must hold at least one episode. Got 0.")
+        raise ValueError("`episodes` must hold at least one episode. Got 0.")
     report: dict[str, Value] = {
         "episodes": len(episodes),
         "steps": sum(episode["steps"] for episode in episodes),
@@ -128,12 +117,10 @@ def compute_metrics(measurements: Measurements, rng: np.random.Generator) -> dic
         "episode_success": [episode["success"] for episode in episodes],
     }
     rows = join_rows(episode["rows"] for episode in episodes)
-    rows |= join_rows([path_rows(measurements.distances)])
-    if measurements.references is not None:
+    rows |= join_rows([path_rows(distances), {"bc_loss": cloning}])
+    if references:
         returns = [episode["return"] for episode in episodes]
-        rows["normalized_return"] = np.column_stack([returns, measurements.references])
-    if measurements.cloning:
-        rows["bc_loss"] = np.array(measurements.cloning, np.float64)
+        rows["normalized_return"] = np.column_stack([returns, references])
     for name, statistic in STATISTICS.items():
         result = estimate(rows[name], statistic, rng) if name in rows else Estimate()
         report |= result.entries(name)

@@ -4,26 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
-import numpy as np
-from numpy.typing import NDArray
-
-from irl_dal.build import (
-    build_loop,
-    build_planner,
-    expert_supervision,
-    load_run,
-    supervision,
-)
+from irl_dal.build import build_loop, build_planner, expert_supervision, load_run, supervision
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import Agent, ExpertAgent, PolicyAgent, RandomAgent
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.metrics import cloning_row, episode_record
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert
+from irl_dal.evaluation.rollout import Array, compare_paths, drive_episode, drive_expert
 from irl_dal.loop import ControlLoop, Supervision
 
-__all__ = ["AgentSpec", "PathItem", "PolicyName", "Rig"]
+__all__ = ["AgentSpec", "PolicyName", "Rig"]
 
 PolicyName = Literal["run", "expert", "random"]
 
@@ -45,20 +36,6 @@ class AgentSpec:
             raise ValueError(
                 f"`run_dir` belongs to the policy 'run'. Got {self.policy!r} and {self.run_dir}."
             )
-
-
-class PathItem(NamedTuple):
-    """A stretch of an expert's episode.
-
-    Attributes:
-        seed: Of the episode.
-        step: Where the stretch begins.
-        pose: The expert's x, y, yaw there and after each of K steps (K + 1, 3) [m, m, rad].
-    """
-
-    seed: int
-    step: int
-    pose: NDArray[np.float64]
 
 
 @dataclass(slots=True)
@@ -115,12 +92,11 @@ class Rig:
         """What uniformly drawn actions earn, under the same shield as the expert's."""
         return self._return(RandomAgent(), seed)
 
-    def path(self, item: PathItem) -> dict[str, Any]:
-        """How far the agent is from the expert's path after each step of a stretch."""
-        distances = compare_paths(
-            self.loop, self.reference, self.agent, item.seed, item.step, item.pose
-        )
-        return {"distances": distances.tolist()}
+    def path(self, stretch: tuple[int, int, Array]) -> dict[str, Any]:
+        """Distances from the expert's path; a stretch is the seed, step and pose of it."""
+        return {
+            "distances": compare_paths(self.loop, self.reference, self.agent, *stretch).tolist()
+        }
 
     def close(self) -> None:
         """Leave the simulator."""

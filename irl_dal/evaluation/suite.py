@@ -12,9 +12,9 @@ from rich.console import Console
 
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig, to_mapping
-from irl_dal.evaluation.metrics import Measurements, Value, compute_metrics
-from irl_dal.evaluation.rig import AgentSpec, PathItem, Rig
-from irl_dal.evaluation.rollout import spread_steps
+from irl_dal.evaluation.metrics import Value, compute_metrics
+from irl_dal.evaluation.rig import AgentSpec, Rig
+from irl_dal.evaluation.rollout import Array, spread_steps
 from irl_dal.evaluation.workers import Workers
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key
@@ -32,11 +32,11 @@ class Evaluation:
     """An evaluation's result.
 
     Attributes:
-        measurements: What was measured.
+        episodes: `episode_record` of each of the agent's episodes.
         report: The numbers, flat, ready for JSON.
     """
 
-    measurements: Measurements
+    episodes: list[dict[str, Any]]
     report: dict[str, Value]
 
 
@@ -60,71 +60,61 @@ def evaluate(
     """
     with one_thread():
         Rig.build(config, spec).close()  # what cannot be built says so here, once
-    kept = _unfinished(config, spec, runs)
-    try:
-        with (
-            kept.until_complete(),
-            Workers(config, spec, config.evaluation.n_jobs, console) as workers,
-        ):
-            measurements = _measure(config, spec, workers, kept, _references(config, runs))
-            rng = np.random.default_rng(config.evaluation.first_seed)
-            numbers = compute_metrics(measurements, rng)
-    except KeyboardInterrupt:
-        raise KeyboardInterrupt(_what_is_kept(kept)) from None
-    report: dict[str, Value] = {
+    kept, jobs = _unfinished(config, spec, runs), config.evaluation.n_jobs
+    head = {
         "policy": spec.policy,
         "variant": config.variant,
         "training_seed": config.seed if spec.policy == "run" else None,
+        **provenance(config),
     }
-    report |= provenance(config) | numbers
-    report |= {"latency_threads": 1, "latency_processes": config.evaluation.n_jobs}
-    return Evaluation(measurements, report)
+    try:
+        with kept.until_complete(), Workers(config, spec, jobs, console) as workers:
+            episodes, report = _measure(config, spec, workers, kept, _references(config, runs))
+    except KeyboardInterrupt:
+        count = kept.count()
+        where = f"{count} results are kept in {kept.folder}, the same command goes on from there"
+        raise KeyboardInterrupt(where if count else "nothing is kept") from None
+    return Evaluation(episodes, head | report | {"latency_threads": 1, "latency_processes": jobs})
 
 
 def _measure(
     config: RunConfig, spec: AgentSpec, workers: Workers, kept: ResultStore, references: ResultStore
-) -> Measurements:
+) -> tuple[list[dict[str, Any]], dict[str, Value]]:
     """Drive whatever is not known yet."""
     extent = config.evaluation
     seeds = list(range(extent.first_seed, extent.first_seed + extent.episodes))
-    held_out = seeds[: extent.held_out_episodes]
-    episodes = workers.map_kept("driving", Rig.episode, seeds, kept)
-    probes = workers.map_kept("expert", Rig.expert, held_out, kept)
-    known = {("expert", probe["seed"]): probe["return"] for probe in probes}
+    episodes = workers.map("driving", Rig.episode, seeds, kept)
+    probes = workers.map("expert", Rig.expert, seeds[: extent.held_out_episodes], kept)
+    known = [("expert", probe) for probe in probes]
     if config.shield.enabled:  # then expert and random actions drove as their references do
-        known |= {(spec.policy, episode["seed"]): episode["return"] for episode in episodes}
-    returns = []
-    for driver, work in (("random", Rig.random_return), ("expert", Rig.expert_return)):
-        for seed in seeds:
-            if (driver, seed) in known:
-                with suppress(OSError):
-                    references.put(f"{driver} return", seed, {"return": known[driver, seed]})
-        unknown = [seed for seed in seeds if (driver, seed) not in known]
-        driven = workers.map_kept(f"{driver} return", work, unknown, references)
-        known |= {
-            (driver, seed): entry["return"] for seed, entry in zip(unknown, driven, strict=True)
-        }
-        returns.append([known[driver, seed] for seed in seeds])
-    paths = workers.map_kept(
-        "paths", Rig.path, _paths(config, probes), kept, lambda item: f"{item.seed}-{item.step}"
-    )
-    return Measurements(
-        episodes=episodes,
-        references=np.transpose(returns).tolist(),
+        known += [(spec.policy, episode) for episode in episodes]
+    for driver, entry in known:
+        with suppress(OSError):
+            references.put(f"{driver} return", entry["seed"], {"return": entry["return"]})
+    returns = [
+        [entry["return"] for entry in workers.map(f"{driver} return", work, seeds, references)]
+        for driver, work in (("random", Rig.random_return), ("expert", Rig.expert_return))
+    ]
+    stretches = _stretches(config, probes)
+    paths = workers.map("paths", Rig.path, stretches, kept, lambda item: f"{item[0]}-{item[1]}")
+    report = compute_metrics(
+        episodes,
+        np.random.default_rng(extent.first_seed),
+        references=list(zip(*returns, strict=True)),
         cloning=[probe["cloning"] for probe in probes],
         distances=[path["distances"] for path in paths],
     )
+    return episodes, report
 
 
-def _paths(config: RunConfig, probes: list[dict[str, Any]]) -> list[PathItem]:
-    """States along held-out expert episodes from which paths are compared."""
-    extent = config.evaluation
+def _stretches(config: RunConfig, probes: list[dict[str, Any]]) -> list[tuple[int, int, Array]]:
+    """States along held-out expert episodes from which paths are compared: seed, step, pose."""
     horizon = max(1, round(PATH_DURATION / config.limits.dt))
-    rng = np.random.default_rng(extent.first_seed)
+    rng = np.random.default_rng(config.evaluation.first_seed)
     lengths = [len(probe["pose"]) - 1 for probe in probes]
-    steps = spread_steps(lengths, extent.path_states, horizon, rng)
+    steps = spread_steps(lengths, config.evaluation.path_states, horizon, rng)
     return [
-        PathItem(probe["seed"], step, np.array(probe["pose"][step : step + 1 + horizon]))
+        (probe["seed"], step, np.array(probe["pose"][step : step + 1 + horizon]))
         for probe, chosen in zip(probes, steps, strict=True)
         for step in chosen
     ]
@@ -146,10 +136,3 @@ def _references(config: RunConfig, runs: Path) -> ResultStore:
     settings = {name: mapping[name] for name in ("env", "expert", "limits", "shield")}
     del settings["shield"]["enabled"]  # the references always drive under it
     return ResultStore(runs / "references" / result_key(settings))
-
-
-def _what_is_kept(store: ResultStore) -> str:
-    count = store.count()
-    if count == 0:
-        return "nothing is kept"
-    return f"{count} results are kept in {store.folder}, the same command goes on from there"

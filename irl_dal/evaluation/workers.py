@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
@@ -20,7 +20,6 @@ from irl_dal.storage.result_store import ResultStore
 __all__ = ["CHUNK", "Workers", "progress_bar", "without_interrupts"]
 
 Item = TypeVar("Item")
-Result = TypeVar("Result")
 
 CHUNK = 4
 """Largest number of items for which a process builds a rig: many enough to make building worth
@@ -52,50 +51,41 @@ class Workers:
         self._progress.stop()
 
     def map(
-        self, what: str, work: Callable[[Rig, Item], Result], items: Sequence[Item]
-    ) -> list[Result]:
-        """Results of `work` on each item, in their order."""
-        return self._run(what, len(items), [(work, item, None) for item in items])
-
-    def map_kept(
         self,
         what: str,
-        work: Callable[[Rig, Item], dict[str, Any]],
+        work: Callable[[Rig, Item], Any],
         items: Sequence[Item],
-        store: ResultStore,
+        store: ResultStore | None = None,
         name: Callable[[Item], str] = str,
-    ) -> list[dict[str, Any]]:
-        """Results of `work` on each item, in their order, those of the store without any work.
-
-        Each new result is kept as soon as it is there; where nothing can be written, none is.
+    ) -> list[Any]:
+        """Results of `work` on each item, in their order.
 
         Args:
-            what: Name of the work, in the store and in front of the progress bar.
-            work: Returns what is ready for JSON.
+            what: Name of the work, in front of the progress bar and in the store.
+            work: Returns a mapping ready for JSON, if there is a store.
             items: What it works on.
-            store: Where results are kept.
+            store: Results in it are read; each new one is kept as soon as it is there, as far as
+                anything can be written.
             name: Of an item in the store.
         """
-        known = {item: store.get(what, item) for item in map(name, items)}
-        missing = [item for item in items if known[name(item)] is None]
-        calls = [(work, item, (store, what, name(item))) for item in missing]
-        new = dict(zip(map(name, missing), self._run(what, len(items), calls), strict=True))
-        return [known[item] or new[item] for item in map(name, items)]
-
-    def _run(self, what: str, total: int, calls: Sequence[Any]) -> list[Any]:
-        if not calls:
-            return []
+        known = [None if store is None else store.get(what, name(item)) for item in items]
+        calls = [
+            (work, item, None if store is None else (store, what, name(item)))
+            for item, result in zip(items, known, strict=True)
+            if result is None
+        ]
         size = max(1, min(CHUNK, len(calls) // (2 * self._jobs)))
         chunks = [calls[start : start + size] for start in range(0, len(calls), size)]
-        task = self._progress.add_task(what, total=total, completed=total - len(calls))
+        task = self._progress.add_task(what, total=len(items), completed=len(items) - len(calls))
         results: list[Any] = []
-        parallel = Parallel(n_jobs=min(self._jobs, len(chunks)), return_as="generator")
+        parallel = Parallel(n_jobs=min(self._jobs, len(chunks)) or 1, return_as="generator")
         with without_interrupts():
             running = parallel(delayed(_work)(*self._subject, chunk) for chunk in chunks)
         for done in running:
             results += done
             self._progress.advance(task, len(done))
-        return results
+        new = iter(results)
+        return [next(new) if result is None else result for result in known]
 
 
 def progress_bar(console: Console | None) -> Progress:
@@ -127,15 +117,11 @@ def without_interrupts() -> Iterator[None]:
 def _work(config: RunConfig, spec: AgentSpec, calls: Sequence[Any]) -> list[Any]:
     """In a process of its own: build, work, leave."""
     results = []
-    with one_thread():
-        rig = Rig.build(config, spec)
-        try:
-            for work, item, kept in calls:
-                results.append(work(rig, item))
-                if kept is not None:
-                    store, what, name = kept
-                    with suppress(OSError):  # a convenience: somebody else's folder
-                        store.put(what, name, results[-1])
-        finally:
-            rig.close()
+    with one_thread(), closing(Rig.build(config, spec)) as rig:
+        for work, item, kept in calls:
+            results.append(work(rig, item))
+            if kept is not None:
+                store, what, name = kept
+                with suppress(OSError):  # a convenience: somebody else's folder
+                    store.put(what, name, results[-1])
     return results

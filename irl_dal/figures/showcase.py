@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from contextlib import closing
+from typing import Any
+
 from rich.console import Console
 
 from irl_dal.cli.threads import one_thread
-from irl_dal.evaluation.metrics import Measurements
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.suite import evaluate
@@ -32,25 +35,22 @@ def show_run(folder: RunFolder, console: Console) -> None:
     written += draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
     if config.evaluation.video_duration > 0.0:
         with console.status("filming one drive"):
-            film_drive(folder, showcase_seed(evaluation.measurements))
+            film_drive(folder, showcase_seed(evaluation.episodes))
         written.append(folder.video)
     for path in written:
         console.print(f"written to {path}")
 
 
-def showcase_seed(measurements: Measurements) -> int:
+def showcase_seed(episodes: Sequence[Mapping[str, Any]]) -> int:
     """The episode worth showing: a success if there is one, with the most planner steps."""
-    best = max(measurements.episodes, key=lambda entry: (entry["success"], entry["triggered"]))
+    best = max(episodes, key=lambda entry: (entry["success"], entry["triggered"]))
     return int(best["seed"])
 
 
 def film_drive(folder: RunFolder, seed: int) -> None:
     """Drive one episode of a run and film it."""
     config = folder.config
-    with one_thread():
-        rig = Rig.build(config, AgentSpec("run", folder.path), render_mode="rgb_array")
-        try:
-            with DriveFilm(folder.video, rig.loop, config.evaluation.video_duration) as film:
-                drive_episode(rig.loop, rig.agent, seed, film.watch)
-        finally:
-            rig.close()
+    rig = Rig.build(config, AgentSpec("run", folder.path), render_mode="rgb_array")
+    film = DriveFilm(folder.video, rig.loop, config.evaluation.video_duration)
+    with one_thread(), closing(rig), film:
+        drive_episode(rig.loop, rig.agent, seed, film.watch)

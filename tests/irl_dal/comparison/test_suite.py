@@ -11,7 +11,7 @@ from irl_dal.comparison.drive import arm_bench, arm_planner, plan_log, risky_con
 from irl_dal.comparison.settings import Arm, arms_of
 from irl_dal.comparison.suite import compare
 from irl_dal.config import ConfigError
-from irl_dal.evaluation.metrics import Measurements, compute_metrics
+from irl_dal.evaluation.metrics import compute_metrics
 from irl_dal.evaluation.rig import Rig
 from irl_dal.planner import ProjectionMode
 from tests.irl_dal.comparison.tiny import TINY, tiny_subject
@@ -81,7 +81,7 @@ def test_numbers_are_those_of_an_evaluation(compared: Compared) -> None:
     subject, arm = compared.subject, Arm("trigger", "x0", shielded=True)
     with arm_bench(subject, arm) as bench:
         episodes = [bench.episode(seed) for seed in TINY.seeds]
-    again = compute_metrics(Measurements(episodes), np.random.default_rng(0))
+    again = compute_metrics(episodes, np.random.default_rng(0))
     found = compared.report["arms"][arm.name]
     assert again["intervention_rate"] == found["intervention_rate"] > 0.0
     for key, value in again.items():

@@ -7,7 +7,6 @@ from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.metrics import (
     METRICS,
     STATISTICS,
-    Measurements,
     cloning_row,
     compute_metrics,
     episode_record,
@@ -39,7 +38,7 @@ def report(*episodes: Episode, **parts: object) -> dict[str, object]:
     """The numbers with a fixed bootstrap, from what JSON keeps."""
     records = [episode_record(episode, LIMITS) for episode in episodes]
     kept = json.loads(json.dumps({"episodes": records, **parts}))
-    return dict(compute_metrics(Measurements(**kept), np.random.default_rng(0)))
+    return dict(compute_metrics(rng=np.random.default_rng(0), **kept))
 
 
 def test_every_name_of_the_design_is_there_with_its_interval() -> None:

@@ -3,7 +3,7 @@ import io
 import numpy as np
 from rich.console import Console
 
-from irl_dal.evaluation.metrics import Measurements, compute_metrics, episode_record
+from irl_dal.evaluation.metrics import compute_metrics, episode_record
 from irl_dal.evaluation.summary import evaluation_table
 from shield import ActuatorLimits
 from tests.irl_dal.evaluation.small import written_episode
@@ -13,7 +13,7 @@ def printed(width: int) -> list[str]:
     """The table of two episodes, one successful."""
     episodes = [written_episode(), written_episode(success=False, off_road=True)]
     records = [episode_record(episode, ActuatorLimits()) for episode in episodes]
-    report = compute_metrics(Measurements(records), np.random.default_rng(0))
+    report = compute_metrics(records, np.random.default_rng(0))
     report |= {"latency_threads": 1, "latency_processes": 2}
     console = Console(width=width, record=True, file=io.StringIO())
     console.print(evaluation_table(report, "title"))

@@ -32,7 +32,7 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
 
     def work(store: ResultStore) -> list[int]:
         with Workers(small_config(), AgentSpec("random"), jobs, None) as workers:
-            results = workers.map_kept("noting", note, items, store, lambda item: str(item[1]))
+            results = workers.map("noting", note, items, store, lambda item: str(item[1]))
             return [result["number"] for result in results]
 
     with pytest.raises(RuntimeError, match="on purpose"):
