@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from irl_dal.planner.context import PlanningContext, hazard
-from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
+from irl_dal.planner.energy.base import Array, Energy
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_rollout
 from irl_dal.shortcuts import compiled
@@ -53,10 +53,10 @@ class ClearanceEnergy(Energy):
         """Whether any point can come near."""
         return self._east.size > 0 and self._weight > 0
 
-    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+    def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
         value, gradient = _nearness(
-            plans.commands,
+            self.scale.to_command(actions),
             self._east,
             self._north,
             self._centres,
@@ -122,17 +122,6 @@ def _nearness(
                 dy[b, i] = pull * (ego.y[b, i] + disc * sin - north[i, point])
                 dheading[b, i] = disc * (dy[b, i] * cos - dx[b, i] * sin)
     return value, ego_gradient(ego, dx, dy, dheading)
-
-
-class PrintedClearanceEnergy(ConstantEnergy):
-    r"""The paper's :math:`w_{lidar} \max(0, (d_{safe} - d_{min,t}) / s_{lidar})^2`."""
-
-    name = "lidar"
-
-    def constant(self) -> float:
-        """Energy of the present clearance."""
-        gap = (self.config.safe_clearance - self.context.nearest) / self.config.clearance_scale
-        return clearance_weight(self.context, self.config) * max(0.0, gap) ** 2
 
 
 def clearance_weight(context: PlanningContext, config: EnergyConfig) -> float:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from irl_dal.planner.context import PlanningContext, hazard
-from irl_dal.planner.energy.base import Array, ConstantEnergy, Energy, PlanBatch
+from irl_dal.planner.energy.base import Array, Energy
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.open_lanes import open_lanes
 from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
@@ -50,10 +50,10 @@ class LaneEnergy(Energy):
         """Without a lane estimate there is nothing to adhere to."""
         return self.context.lane.valid and self._weight > 0
 
-    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+    def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
         value, gradient = _deviation(
-            plans.commands,
+            self.scale.to_command(actions),
             self._start,
             self._centres,
             PREVIEW,
@@ -91,22 +91,6 @@ def _deviation(
     gradient = road_gradient(road, doffset, dheading)
     gradient[..., 1] += preview * doffset * np.sin(road.heading)
     return value, gradient
-
-
-class PrintedLaneEnergy(ConstantEnergy):
-    r"""The paper's :math:`w_{lane} (d_{lane,t} / s_{lane})^2` of the present deviation only."""
-
-    name = "lane"
-
-    @property
-    def active(self) -> bool:
-        """Without a lane estimate there is nothing to adhere to."""
-        return self.context.lane.valid and self.config.lane_weight > 0
-
-    def constant(self) -> float:
-        """Energy of the present deviation from the nearest admissible centre."""
-        scaled = self.context.lane_deviation / self.config.lane_scale
-        return lane_weight(self.context, self.config) * scaled**2
 
 
 def lane_weight(context: PlanningContext, config: EnergyConfig) -> float:

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from irl_dal.planner.context import PlanningContext
-from irl_dal.planner.energy.base import Array, Energy, PlanBatch
+from irl_dal.planner.energy.base import Array, Energy
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
@@ -33,10 +33,10 @@ class JerkEnergy(Energy):
         """Whether it has a weight."""
         return self.config.jerk_weight > 0
 
-    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+    def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
         first = 1 if self.config.forms == "printed" else 0
-        return _steps(plans.actions, self._previous, first, self.config.jerk_weight)
+        return _steps(actions, self._previous, first, self.config.jerk_weight)
 
 
 class StabilityEnergy(Energy):
@@ -68,9 +68,9 @@ class StabilityEnergy(Energy):
             steering = math.atan(self.limits.wheelbase * lane.curvature)
         return self.scale.to_action(np.array([steering, speed]))
 
-    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+    def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        return _distance(plans.actions, self._neutral[None], self.config.stability_weight)
+        return _distance(actions, self._neutral[None], self.config.stability_weight)
 
 
 class ExpertEnergy(Energy):
@@ -86,11 +86,11 @@ class ExpertEnergy(Energy):
         """Whether there is a reference."""
         return self.context.expert_reference is not None and self.config.expert_weight > 0
 
-    def evaluate(self, plans: PlanBatch) -> tuple[Array, Array]:
+    def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
         assert self.context.expert_reference is not None
         reference = self.scale.to_action(self.context.expert_reference)
-        return _distance(plans.actions, reference, self.config.expert_weight)
+        return _distance(actions, reference, self.config.expert_weight)
 
 
 @compiled

@@ -4,34 +4,19 @@ from __future__ import annotations
 
 import numpy as np
 
-from irl_dal.planner.action_scale import ActionScale
 from irl_dal.planner.context import PlanningContext
-from irl_dal.planner.energy.base import Array, Energy, PlanBatch
-from irl_dal.planner.energy.clearance import ClearanceEnergy, PrintedClearanceEnergy
+from irl_dal.planner.energy.base import Array, Energy
+from irl_dal.planner.energy.clearance import ClearanceEnergy, clearance_weight
 from irl_dal.planner.energy.config import EnergyConfig
-from irl_dal.planner.energy.lane import LaneEnergy, PrintedLaneEnergy
+from irl_dal.planner.energy.lane import LaneEnergy, lane_weight
 from irl_dal.planner.energy.smoothness import ExpertEnergy, JerkEnergy, StabilityEnergy
 from shield import ActuatorLimits
-
-ROLLOUT_TERMS: tuple[type[Energy], ...] = (
-    LaneEnergy,
-    ClearanceEnergy,
-    JerkEnergy,
-    StabilityEnergy,
-    ExpertEnergy,
-)
-
-PRINTED_TERMS: tuple[type[Energy], ...] = (
-    PrintedLaneEnergy,
-    PrintedClearanceEnergy,
-    JerkEnergy,
-    StabilityEnergy,
-    ExpertEnergy,
-)
 
 
 class TotalEnergy:
     """E = E_lane + E_lidar + E_jerk + E_stability + E_expert for one planning context.
+
+    As printed, E_lane and E_lidar depend on the present state alone: a constant, without gradient.
 
     Args:
         context: What is known now.
@@ -40,14 +25,19 @@ class TotalEnergy:
         horizon: H of the plans.
 
     Attributes:
-        terms: The terms that have something to say here.
+        terms: The terms that depend on the plan here.
+        constant: What is added to them: 0 but in the printed form.
     """
 
     def __init__(
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
-        self._scale = ActionScale(limits)
-        kinds = ROLLOUT_TERMS if config.forms == "rollout" else PRINTED_TERMS
+        kinds: list[type[Energy]] = [JerkEnergy, StabilityEnergy, ExpertEnergy]
+        self.constant = 0.0
+        if config.forms == "printed":
+            self.constant = _present_energy(context, config)
+        else:
+            kinds = [LaneEnergy, ClearanceEnergy, *kinds]
         terms = (kind(context, config, limits, horizon) for kind in kinds)
         self.terms = tuple(term for term in terms if term.active)
 
@@ -57,15 +47,22 @@ class TotalEnergy:
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and their gradients (B, H, 2), for normalised actions (B, H, 2)."""
-        plans = PlanBatch.of(actions, self._scale)
-        value, gradient = np.zeros(len(actions)), np.zeros_like(actions)
+        value, gradient = np.full(len(actions), self.constant), np.zeros_like(actions)
         for term in self.terms:
-            part, slope = term.evaluate(plans)
+            part, slope = term.evaluate(actions)
             value += part
             gradient += slope
         return value, gradient
 
     def parts(self, actions: Array) -> dict[str, Array]:
         """Energies (B,) of each term by name."""
-        plans = PlanBatch.of(actions, self._scale)
-        return {term.name: term.evaluate(plans)[0] for term in self.terms}
+        return {term.name: term.evaluate(actions)[0] for term in self.terms}
+
+
+def _present_energy(context: PlanningContext, config: EnergyConfig) -> float:
+    """The paper's E_lane and E_lidar, of the present deviation and clearance only."""
+    gap = max(0.0, (config.safe_clearance - context.nearest) / config.clearance_scale)
+    energy = clearance_weight(context, config) * gap**2
+    if context.lane.valid:
+        energy += lane_weight(context, config) * (context.lane_deviation / config.lane_scale) ** 2
+    return energy

@@ -8,24 +8,13 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
-from irl_dal.planner.action_scale import ActionScale
 from irl_dal.planner.context import hazard
-from irl_dal.planner.energy import (
-    ClearanceEnergy,
-    Energy,
-    EnergyConfig,
-    ExpertEnergy,
-    JerkEnergy,
-    LaneEnergy,
-    PlanBatch,
-    PrintedClearanceEnergy,
-    PrintedLaneEnergy,
-    StabilityEnergy,
-    TotalEnergy,
-)
-from irl_dal.planner.energy.clearance import cover
-from irl_dal.planner.energy.lane import PREVIEW
+from irl_dal.planner.energy import EnergyConfig, TotalEnergy
+from irl_dal.planner.energy.base import Energy
+from irl_dal.planner.energy.clearance import ClearanceEnergy, cover
+from irl_dal.planner.energy.lane import PREVIEW, LaneEnergy
 from irl_dal.planner.energy.open_lanes import open_lanes
+from irl_dal.planner.energy.smoothness import ExpertEnergy, JerkEnergy, StabilityEnergy
 from shield import ClearanceEstimate, ScannerGeometry, VehicleGeometry
 from tests.irl_dal.planner.scenes import (
     BEAM_ANGLES,
@@ -53,11 +42,6 @@ TERMS: tuple[type[Energy], ...] = (
 )
 
 
-def batch(actions: Array) -> PlanBatch:
-    """Actions (B, H, 2) as an energy takes them."""
-    return PlanBatch.of(actions, ActionScale(LIMITS))
-
-
 def constant(steering: float, speed: float) -> Array:
     """The plan (1, H, 2) that holds a command [rad, m/s]."""
     return np.asarray(LIMITS.to_action(np.full((1, HORIZON, 2), (steering, speed))))
@@ -70,7 +54,7 @@ def finite_differences(energy: Energy, actions: Array) -> Array:
         moved = [actions.copy(), actions.copy()]
         moved[0][index] += step
         moved[1][index] -= step
-        up, down = (float(energy.evaluate(batch(one))[0].sum()) for one in moved)
+        up, down = (float(energy.evaluate(one)[0].sum()) for one in moved)
         gradient[index] = (up - down) / (2.0 * step)
     return gradient
 
@@ -85,7 +69,7 @@ def test_gradients_against_finite_differences(kind: type[Energy], seed: int, for
     scene = replace(random_context(rng), expert_reference=reference)
     energy = kind(scene, EnergyConfig(forms=forms), LIMITS, HORIZON)  # type: ignore[arg-type]
     actions = chunks(rng, scene, 3)
-    value, gradient = energy.evaluate(batch(actions))
+    value, gradient = energy.evaluate(actions)
     assert value.shape == (3,)
     np.testing.assert_allclose(gradient, finite_differences(energy, actions), atol=2e-5, rtol=1e-5)
 
@@ -98,19 +82,21 @@ def test_every_term_depends_on_the_plan(kind: type[Energy]) -> None:
         context(distance=3.0), expert_reference=reference, previous=np.array([0.02, 4.0])
     )
     energy = kind(scene, EnergyConfig(), LIMITS, HORIZON)
-    _, gradient = energy.evaluate(batch(constant(0.08, 6.0)))
+    _, gradient = energy.evaluate(constant(0.08, 6.0))
     assert float(np.abs(gradient[..., 0]).max()) > 1e-3
     assert float(np.abs(gradient[..., 1]).max()) > 1e-3
 
 
-@pytest.mark.parametrize("kind", [PrintedLaneEnergy, PrintedClearanceEnergy])
-def test_printed_terms_ignore_the_plan(kind: type[Energy]) -> None:
-    """As printed, both terms are the same for every plan and guide nothing."""
-    rng = np.random.default_rng(0)
+def test_printed_terms_ignore_the_plan() -> None:
+    """As printed, lane and obstacle are the same for every plan and guide nothing."""
     scene = context(distance=1.0)
-    energy = kind(scene, EnergyConfig(forms="printed"), LIMITS, HORIZON)
-    value, gradient = energy.evaluate(batch(chunks(rng, scene, 5)))
-    assert float(np.ptp(value)) == 0.0 and float(value[0]) > 0.0
+    silent = {"jerk_weight": 0.0, "stability_weight": 0.0}
+    energy = TotalEnergy(scene, EnergyConfig(forms="printed", **silent), LIMITS, HORIZON)
+    value, gradient = energy.evaluate(chunks(np.random.default_rng(0), scene, 5))
+    weight = 1.0 + hazard(1.0)
+    expected = weight * (2.0 / 2.0) ** 2 + weight * (scene.lane_deviation / 0.5) ** 2
+    np.testing.assert_allclose(value, expected, rtol=1e-2)
+    assert float(np.ptp(value)) == 0.0
     assert not gradient.any()
 
 
@@ -231,15 +217,9 @@ def test_lower_is_better() -> None:
     config = EnergyConfig()
     scene = context(bearing=0.0, distance=4.0, speed=6.0)
     obstacle = ClearanceEnergy(scene, config, LIMITS, HORIZON)
-    assert (
-        obstacle.evaluate(batch(constant(0.0, 2.0)))[0]
-        < obstacle.evaluate(batch(constant(0.0, 8.0)))[0]
-    )
+    assert obstacle.evaluate(constant(0.0, 2.0))[0] < obstacle.evaluate(constant(0.0, 8.0))[0]
     adherence = LaneEnergy(open_road(lane=lane(heading_error=0.0)), config, LIMITS, HORIZON)
-    assert (
-        adherence.evaluate(batch(constant(-0.05, 6.0)))[0]
-        < adherence.evaluate(batch(constant(0.05, 6.0)))[0]
-    )
+    assert adherence.evaluate(constant(-0.05, 6.0))[0] < adherence.evaluate(constant(0.05, 6.0))[0]
 
 
 def test_clearance_is_that_of_the_outline() -> None:
@@ -248,13 +228,13 @@ def test_clearance_is_that_of_the_outline() -> None:
     energy = ClearanceEnergy(scene, EnergyConfig(), LIMITS, HORIZON)
     gap = SCANNER.mount + 2.0 - DISC_CENTRES[-1] - DISC_RADIUS
     expected = (1.0 + hazard(2.0)) * ((3.0 - gap) / 2.0) ** 2
-    value, _ = energy.evaluate(batch(constant(0.0, 0.0)))
+    value, _ = energy.evaluate(constant(0.0, 0.0))
     assert float(value[0]) == pytest.approx(expected, rel=1e-3)
 
 
 def test_a_leading_car_is_less_of_an_obstacle_than_a_parked_one() -> None:
     """What the closing speed says about the object's own motion enters the prediction."""
-    config, plan = EnergyConfig(), batch(constant(0.0, 6.0))
+    config, plan = EnergyConfig(), constant(0.0, 6.0)
     energies = []
     for closing in (12.0, 6.0, 0.0):  # oncoming at 6 m/s, parked, driving ahead at 6 m/s
         scene = context(bearing=0.0, distance=11.0, speed=6.0)
@@ -270,7 +250,7 @@ def test_a_plan_leaves_room_to_brake() -> None:
         ClearanceEnergy(scene, EnergyConfig(braking=braking), LIMITS, HORIZON)
         for braking in (None, 4.0)
     )
-    fast, slow = batch(constant(0.0, 8.0)), batch(constant(0.0, 3.0))
+    fast, slow = constant(0.0, 8.0), constant(0.0, 3.0)
     assert float(short.evaluate(fast)[0][0]) == 0.0  # 6.4 m driven, 5.6 m left
     assert float(long.evaluate(fast)[0][0]) > 0.0  # 8 m more to stop
     assert float(long.evaluate(slow)[0][0]) == 0.0
@@ -282,15 +262,11 @@ def test_hazard_raises_the_adaptive_weights() -> None:
     far, near = (
         replace(context(), clearance=ClearanceEstimate(d, 0.0, 0.1, 0.0, True)) for d in (40.0, 0.5)
     )
-    config = EnergyConfig()
-    plan = batch(constant(0.0, 6.0))
-    ratio = [
-        float(
-            (kind(near, config, LIMITS, HORIZON).evaluate(plan)[0])[0]
-            / (kind(far, config, LIMITS, HORIZON).evaluate(plan)[0])[0]
-        )
-        for kind in (LaneEnergy, PrintedLaneEnergy)
-    ]
+    plan = constant(0.0, 6.0)
+    ratio = float(
+        LaneEnergy(near, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)[0][0]
+        / LaneEnergy(far, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)[0][0]
+    )
     expected = 1.0 + (1.0 - math.tanh(0.5 / 3.0))
     np.testing.assert_allclose(ratio, expected, rtol=1e-6)
 
@@ -300,7 +276,7 @@ def test_a_lane_change_is_not_undone() -> None:
     offset = 1.2
     straight = lane(lateral_offset=offset, heading_error=0.0, curvature=0.0, curvature_rate=0.0)
     leaving = replace(straight, heading_error=0.2)
-    plan = batch(constant(0.0, 6.0))
+    plan = constant(0.0, 6.0)
 
     def lateral_pull(pose) -> float:  # type: ignore[no-untyped-def]
         scene = open_road(lane=pose)
@@ -326,7 +302,7 @@ def test_no_point_that_counts_is_left_out() -> None:
         def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
             return points, velocities
 
-    plans = batch(np.concatenate([constant(steering, 12.0) for steering in (-0.3, 0.0, 0.3)]))
+    plans = np.concatenate([constant(steering, 12.0) for steering in (-0.3, 0.0, 0.3)])
     seen = []
     for distance in np.linspace(2.0, 39.0, 20):
         scene = context(bearing=0.0, distance=float(distance), speed=12.0)
@@ -373,7 +349,7 @@ def test_a_longer_car_is_nearer_to_what_is_ahead() -> None:
     """The obstacle term follows the car's outline and the scanner's mount in the context."""
     scene = context(bearing=0.0, distance=4.0)
     longer = replace(scene, vehicle=VehicleGeometry(length=5.5, front_bumper=4.6))
-    plan = batch(constant(0.0, 2.0))
+    plan = constant(0.0, 2.0)
     energies = [
         float(ClearanceEnergy(s, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)[0][0])
         for s in (scene, longer)
