@@ -14,7 +14,8 @@ from shield.estimation.lane import LaneEstimate, LaneGeometry, LaneMeasurement, 
 from shield.estimation.scan import ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
-from shield.projection.certificate import BatchProjection, Certificate, Projection, Status
+from shield.limits.constraint import UNBOUNDED, Constraint, Rows
+from shield.projection.certificate import Certificate, Projection, Status
 from shield.projection.projector import HorizonProjector
 from shield.safety_filter import SafetyFilter
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
@@ -24,12 +25,12 @@ from shield.world import BarrierConfig, ObstacleBarrier
 __all__ = [
     "ActuatorLimits",
     "BarrierConfig",
-    "BatchProjection",
     "Certificate",
     "ClearanceEstimate",
     "ClearanceTracker",
     "ClusterTracker",
     "CommandBounds",
+    "Constraint",
     "HorizonProjector",
     "InvalidLimits",
     "InvalidProblem",
@@ -43,11 +44,13 @@ __all__ = [
     "Projection",
     "Risk",
     "RiskTrigger",
+    "Rows",
     "SafetyFilter",
     "ScannerGeometry",
     "ShieldError",
     "Status",
     "Track",
     "TriggerConfig",
+    "UNBOUNDED",
     "VehicleGeometry",
 ]

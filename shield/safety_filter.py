@@ -13,7 +13,7 @@ from shield.limits.command_bounds import CommandBounds
 from shield.projection.certificate import Certificate, Projection, Status
 from shield.projection.fallback import FallbackPlan
 from shield.projection.projector import HorizonProjector
-from shield.projection.repair import Bounds, worst_excess
+from shield.projection.repair import worst_excess
 from shield.projection.solvers import SolverFactory
 
 __all__ = ["SafetyFilter"]
@@ -40,7 +40,7 @@ class SafetyFilter:
         limits: ActuatorLimits,
         solver: str | SolverFactory = "osqp",
         *,
-        weights: tuple[float, float] = (1.0, 1.0),
+        weights: tuple[float, float] | None = None,
         tolerance: float = 1e-6,
         deadline: float = 0.05,
     ) -> None:
@@ -48,7 +48,6 @@ class SafetyFilter:
         self._projector = HorizonProjector(
             limits, 1, solver, weights=weights, tolerance=tolerance, deadline=deadline
         )
-        self._bounds = Bounds.of(limits)
         self._fallback = FallbackPlan(limits)
         self._previous = np.zeros(2)
         self.reset()
@@ -100,7 +99,7 @@ class SafetyFilter:
         """Return the command to execute, and remember it as executed.
 
         Args:
-            nominal: Wanted command [rad, m/s], shape (2,), any values.
+            nominal: Command asked for [rad, m/s], shape (2,), any values.
             plan: The horizon that `nominal` is the beginning of [rad, m/s], shape (H, 2). Its
                 later steps are kept for the fallback.
             bounds: Of this step alone, those of an `ObstacleBarrier` say. The limits come first:
@@ -114,22 +113,22 @@ class SafetyFilter:
             InvalidProblem: A shape or a type does not fit.
         """
         begin = time.perf_counter()
-        wanted = as_array("nominal", nominal, (2,)).copy()
+        nominal_action = as_array("nominal", nominal, (2,)).copy()
         horizon = None if plan is None else as_horizon("plan", plan)
         if not isinstance(bounds, CommandBounds):
             raise InvalidProblem(f"`bounds` must be CommandBounds. Got {bounds!r}.")
-        if np.isfinite(wanted).all():
-            projection = self._project(wanted, bounds)
+        if np.isfinite(nominal_action).all():
+            projection = self._project(nominal_action, bounds)
         else:
-            projection = self._follow_fallback(wanted, bounds)
+            projection = self._follow_fallback(nominal_action, bounds)
         if horizon is not None:
             self._fallback.remember(horizon)
         else:
             self._fallback.advance()
         self._execute(projection.actions[0].copy())
-        wanted.flags.writeable = False
+        nominal_action.flags.writeable = False
         return Certificate(
-            nominal_action=wanted,
+            nominal_action=nominal_action,
             safe_action=self._previous,
             status=projection.status,
             reason=projection.reason,
@@ -139,23 +138,25 @@ class SafetyFilter:
             intervened=projection.status is not Status.NOMINAL,
         )
 
-    def _project(self, wanted: NDArray[np.float64], bounds: CommandBounds) -> Projection:
-        """Return the admissible command nearest to the wanted one within the bounds."""
-        bounded = bounds.limit(wanted, self.limits.min_speed)
+    def _project(self, nominal_action: NDArray[np.float64], bounds: CommandBounds) -> Projection:
+        """Return the admissible command nearest to the nominal one within the bounds."""
+        bounded = bounds.limit(nominal_action, self.limits.min_speed)
         projection = self._projector.project(bounded[None, :], self._previous)
-        if (bounded == wanted).all():
+        if (bounded == nominal_action).all():
             return projection
-        correction = projection.actions - wanted
+        correction = projection.actions - nominal_action
         correction.flags.writeable = False
         steering, speed = bounded.tolist()
         return replace(
             projection,
-            status=Status(max(projection.status, Status.PROJECTED, key=list(Status).index)),
+            status=Status.PROJECTED if projection.status is Status.NOMINAL else projection.status,
             correction=correction,
             reason=projection.reason or f"bounded to {steering:.3f} rad, {speed:.2f} m/s",
         )
 
-    def _follow_fallback(self, wanted: NDArray[np.float64], bounds: CommandBounds) -> Projection:
+    def _follow_fallback(
+        self, nominal_action: NDArray[np.float64], bounds: CommandBounds
+    ) -> Projection:
         """Return the first command of the fallback, within the bounds, as a projection."""
         steering, speed = self._previous.tolist()
         commands, what = self._fallback.horizon(steering, speed, 1)
@@ -163,10 +164,10 @@ class SafetyFilter:
         return Projection(
             actions,
             Status.FALLBACK,
-            actions - np.where(np.isfinite(wanted), wanted, np.nan),
-            worst_excess(self._bounds, actions.ravel().tolist(), steering, speed),
+            actions - np.where(np.isfinite(nominal_action), nominal_action, np.nan),
+            worst_excess(self.limits, actions.ravel().tolist(), steering, speed),
             0.0,
-            f"nominal {wanted.tolist()} is not finite: {what}",
+            f"nominal {nominal_action.tolist()} is not finite: {what}",
         )
 
     def _execute(self, command: NDArray[np.float64]) -> None:

@@ -194,7 +194,7 @@ def draw_commands(
 def _used(done: Array, before: Array, limits: ActuatorLimits) -> Array:
     """Largest share of a rate bound or of the lateral bound that each command takes (T,)."""
     change = done - before
-    share = np.maximum(change / limits.rise, -change / limits.fall).max(axis=1)
+    share = np.maximum(change / limits.max_increase, -change / limits.max_decrease).max(axis=1)
     if limits.max_lateral_acceleration is not None:
         lateral = np.abs(limits.lateral_acceleration(done)) / limits.max_lateral_acceleration
         share = np.maximum(share, lateral)
@@ -226,7 +226,7 @@ def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> 
     """Steering that box and rate leave over the plan."""
     degree = float(np.degrees(1.0))
     steps = np.arange(horizon + 1)
-    reach = float(limits.rise[0]) * steps
+    reach = float(limits.max_increase[0]) * steps
     low = np.maximum(steering - reach, limits.low[0])
     high = np.minimum(steering + reach, limits.high[0])
     axes.fill_between(steps, degree * low, degree * high, color=GREY, alpha=0.22, linewidth=0.0)

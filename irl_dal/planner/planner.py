@@ -290,7 +290,8 @@ class DiffusionPlanner:
         if self._last_first is None:
             return False
         step = previous - self._last_first
-        return bool(np.all((step >= -self.limits.fall) & (step <= self.limits.rise)))
+        limits = self.limits
+        return bool(np.all((-limits.max_decrease <= step) & (step <= limits.max_increase)))
 
     def _fast_denoiser(self) -> FastDenoiser:
         """The network for inference, renewed when a weight has changed."""

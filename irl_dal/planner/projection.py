@@ -38,9 +38,6 @@ PROJECTION_MODES: tuple[str, ...] = get_args(ProjectionMode)
 LARGE_DEFECT = 0.5
 """Defect from which `adaptive` projects: half of a bound beyond it."""
 
-FEWEST_BATCHED = 10
-"""Fewer horizons are projected faster one after the other (measured in plans of 2 to 32)."""
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedPlans:
@@ -105,9 +102,7 @@ class PlanProjection(Refinement):
 
     def _project(self, commands: Array) -> tuple[Projection, ...]:
         """Project (B, H, 2)."""
-        if len(commands) < FEWEST_BATCHED:
-            return tuple(self._projector.project(plan, self._previous) for plan in commands)
-        return tuple(self._projector.project_batch(commands, self._previous))
+        return self._projector.project_batch(commands, self._previous)
 
     def _actions(self, projections: tuple[Projection, ...]) -> Array:
         """Normalised actions (B, H, 2) of projections."""
@@ -129,7 +124,7 @@ def defect(commands: Array, previous: Array, limits: ActuatorLimits) -> Array:
     width = limits.high - limits.low
     outside = np.maximum(commands - limits.high, limits.low - commands) / np.where(width, width, 1)
     steps = np.diff(commands, axis=1, prepend=np.broadcast_to(previous, (len(commands), 1, 2)))
-    too_fast = np.maximum(steps / limits.rise, -steps / limits.fall) - 1.0
+    too_fast = np.maximum(steps / limits.max_increase, -steps / limits.max_decrease) - 1.0
     worst = np.maximum(outside, too_fast).max(axis=(1, 2))
     if limits.max_lateral_acceleration is not None:
         lateral = np.abs(limits.lateral_acceleration(commands)) / limits.max_lateral_acceleration

@@ -1,22 +1,23 @@
 """Command line of the benches."""
 
 import argparse
-from collections.abc import Sequence
+import json
+import os
+import platform
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 
 from shield.bench.estimation import tracking_against_raw
-from shield.bench.projection import batch_against_loop, growth, single_against_bare
-from shield.bench.report import machine, plot_growth, print_table, write_json
+from shield.bench.projection import growth, single_against_bare
 from shield.limits.actuator_limits import ActuatorLimits
 
 HORIZONS = [4, 8, 16, 32, 64]
-BATCHES = [1, 4, 16, 64, 256, 1024, 4096]
 
 
 def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
-    """Run the benches, print tables and write JSON and the plot.
+    """Run the benches, print tables and write JSON.
 
     Args:
         arguments: Command line; None takes it from the process.
@@ -30,36 +31,43 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
     )
     parser.add_argument("--out", type=Path, default=Path("runs/shield-bench"), metavar="FOLDER")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="few problems, no growth curves")
+    parser.add_argument("--quick", action="store_true", help="few problems, no growth curve")
     options = parser.parse_args(arguments)
-    rng = np.random.default_rng(options.seed)
+    rng, quick = np.random.default_rng(options.seed), options.quick
     values: dict[str, float] = {}
     if options.what != "estimation":
-        values |= _projection(options.out, options.quick, rng)
+        values |= single_against_bare(ActuatorLimits(), 8, 50 if quick else 500, rng)
+        if not quick:
+            values |= growth(ActuatorLimits(), HORIZONS, rng)
+        _print_table("one horizon, H = 8", values)
     if options.what != "projection":
-        tracking = tracking_against_raw(rng, drives=5 if options.quick else 50)
-        print_table("clearance alarms at 3 m, raw against tracked", tracking)
+        tracking = tracking_against_raw(rng, drives=5 if quick else 50)
+        _print_table("clearance alarms at 3 m, raw against tracked", tracking)
         values |= tracking
-    write_json(options.out / f"{options.what}.json", {**machine(), **values})
-    print(f"written to {options.out}")
+    path = options.out / f"{options.what}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({**_machine(), **values}, indent=2, sort_keys=True)
+    path.write_text(text + "\n", encoding="utf-8")
+    print(f"written to {path}")
     return values
 
 
-def _projection(folder: Path, quick: bool, rng: np.random.Generator) -> dict[str, float]:
-    """Measure projections."""
-    limits = ActuatorLimits()
-    single = single_against_bare(limits, 8, 50 if quick else 500, rng)
-    print_table("one horizon, H = 8 (medians side by side)", single)
-    batch = batch_against_loop(limits, 8, 64 if quick else 1024, rng)
-    print_table(f"a batch of {64 if quick else 1024} horizons, H = 8, against the loop", batch)
-    values = single | batch
-    if not quick:
-        times = growth(limits, HORIZONS, BATCHES, rng)
-        for name, points in times.items():
-            print_table(f"milliseconds per call, {name}", points)
-            values |= {f"growth_{name}_{key}_ms": value for key, value in points.items()}
-        plot_growth(folder / "growth.png", times)
-    return values
+def _machine() -> dict[str, str | int]:
+    """Return what the numbers were measured on."""
+    return {
+        "python": platform.python_version(),
+        "machine": platform.machine(),
+        "processors": os.cpu_count() or 0,
+        "threads": int(os.environ.get("OMP_NUM_THREADS", "0")),
+    }
+
+
+def _print_table(title: str, values: Mapping[str, float]) -> None:
+    """Print names and numbers in two columns."""
+    width = max(map(len, values))
+    print(title)
+    for name, value in values.items():
+        print(f"  {name:<{width}}  {value:10.4g}")
 
 
 if __name__ == "__main__":

@@ -61,8 +61,8 @@ def bending_problems(
         Nominal horizons (B, H, 2) and previous commands (B, 2).
     """
     previous = _admissible_commands(limits, count, rng)
-    drift = np.array([0.5, 0.3]) * limits.rise * np.where(previous < 0.0, -1.0, 1.0)
-    steps = rng.normal(drift[:, None, :], limits.rise, (count, horizon, 2))
+    drift = np.array([0.5, 0.3]) * limits.max_increase * np.where(previous < 0.0, -1.0, 1.0)
+    steps = rng.normal(drift[:, None, :], limits.max_increase, (count, horizon, 2))
     return previous[:, None, :] + np.cumsum(steps, axis=1), previous
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 __all__ = ["Timing", "take_turns"]
 
-_TURN = 20
+_TURN = 20  # [-] problems of a turn
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,27 +17,14 @@ class Timing:
     """Times of one alternative.
 
     Attributes:
-        wall: Wall times [s], shape (n,), sorted.
-        cpu: Times of the calling thread on the processor [s], shape (n,), sorted: what the call
-            takes where nothing else wants the processor.
-        best: Smallest processor time of each problem [s], shape (problems,), sorted: neither do
-            other processes clear the caches.
+        best: Smallest time of each problem on the processor [s], shape (problems,): what it takes
+            where nothing else wants the processor or clears its caches.
     """
 
-    wall: NDArray[np.float64]
-    cpu: NDArray[np.float64]
     best: NDArray[np.float64]
 
     def quantile(self, share: float) -> float:
-        """Return a quantile of the wall times [s]."""
-        return float(np.quantile(self.wall, share))
-
-    def cpu_quantile(self, share: float) -> float:
-        """Return a quantile of the processor times [s]."""
-        return float(np.quantile(self.cpu, share))
-
-    def best_quantile(self, share: float) -> float:
-        """Return a quantile, over the problems, of the smallest processor times [s]."""
+        """Return a quantile over the problems [s]."""
         return float(np.quantile(self.best, share))
 
 
@@ -54,19 +41,12 @@ def take_turns(
         problems: Number of problems.
         rounds: How often all problems are run; one more round before them warms up.
     """
-    wall = np.empty((len(alternatives), rounds, problems))
-    cpu = np.empty_like(wall)
-    for turn in range(-1, rounds):
+    times = np.empty((len(alternatives), rounds + 1, problems))
+    for turn in range(rounds + 1):
         for start in range(0, problems, _TURN):
             for row, alternative in enumerate(alternatives):
                 for problem in range(start, min(start + _TURN, problems)):
-                    cpu_begin, begin = time.thread_time(), time.perf_counter()
+                    begin = time.thread_time()
                     alternative(problem)
-                    end, cpu_end = time.perf_counter(), time.thread_time()
-                    if turn >= 0:
-                        wall[row, turn, problem] = end - begin
-                        cpu[row, turn, problem] = cpu_end - cpu_begin
-    return [
-        Timing(np.sort(one.ravel()), np.sort(two.ravel()), np.sort(two.min(axis=0)))
-        for one, two in zip(wall, cpu, strict=True)
-    ]
+                    times[row, turn, problem] = time.thread_time() - begin
+    return [Timing(rows[1:].min(axis=0)) for rows in times]

@@ -67,7 +67,9 @@ class BoxFilter:
             raise InvalidProblem(
                 f"`rest` must be finite and have shape {self._low.shape}. Got {rest!r}."
             )
-        self._rest = np.clip(start.astype(self._dtype).astype(np.float64), self._low, self._high)
+        self._rest = np.asarray(
+            np.clip(start.astype(self._dtype).astype(np.float64), self._low, self._high)
+        )
         self.reset()
 
     def _steps(self, rate: ArrayLike, dt: float) -> Array:
@@ -95,7 +97,7 @@ class BoxFilter:
         """Return the nearest admissible action, and remember it as executed.
 
         Args:
-            action: Wanted action, shape as `low`, any values.
+            action: Nominal action, shape as `low`, any values.
 
         Returns:
             The certificate. `safe_action` has the precision of the space; an admissible action is
@@ -106,24 +108,24 @@ class BoxFilter:
             InvalidProblem: The shape does not fit.
         """
         begin = time.perf_counter()
-        wanted = as_action("action", action, self._low.shape)
-        cast = wanted.astype(self._dtype)
+        nominal = as_action("action", action, self._low.shape)
+        cast = nominal.astype(self._dtype)
         value = cast.astype(np.float64)
         status, reason = Status.NOMINAL, ""
-        if not self._admits(value):
-            finite = bool(np.isfinite(wanted).all())
+        if not self._is_admissible(value):
+            finite = bool(np.isfinite(nominal).all())
             status = Status.PROJECTED if finite else Status.FALLBACK
-            reason = "" if finite else f"action {wanted.tolist()} is not finite: moving to rest"
-            value = self._into_window(value if finite else self._rest)
+            reason = "" if finite else f"action {nominal.tolist()} is not finite: moving to rest"
+            value = np.asarray(self._into_window(value if finite else self._rest))
             cast = value.astype(self._dtype)
-        excess = 0.0 if self._admits(value) else np.inf
-        for array in (wanted, cast):
-            array.flags.writeable = False
+        excess = 0.0 if self._is_admissible(value) else np.inf
         self._execute(value)
-        correction = value - wanted
-        correction.flags.writeable = False
+        # Of a space without dimensions numpy makes scalars, which are read-only anyway.
+        correction = np.asarray(value - nominal)
+        for array in (nominal, cast, correction):
+            array.flags.writeable = False
         return Certificate(
-            nominal_action=wanted,
+            nominal_action=nominal,
             safe_action=cast,
             status=status,
             reason=reason,
@@ -133,7 +135,7 @@ class BoxFilter:
             intervened=status is not Status.NOMINAL,
         )
 
-    def _admits(self, value: Array) -> bool:
+    def _is_admissible(self, value: Array) -> bool:
         """Tell whether an action keeps box and rates exactly."""
         good = (self._low <= value) & (value <= self._high)
         good &= ~differences_exceed(value, self._previous, self._step)

@@ -1,6 +1,8 @@
 """The shield around a gymnasium environment, single or vectorised."""
 
-from collections.abc import Callable
+import warnings
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -41,19 +43,22 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
 
     Args:
         env: Environment.
-        limits: Vehicle limits, for spaces of two numbers (steering, speed), normalised or in
-            [rad, m/s]. None: the bounds of the space and `rate`.
-        rate: Without `limits`: largest rates of change per second in the units of the space, a
+        limits: Vehicle limits, for spaces of two numbers (steering, speed), also as a mapping of
+            their fields. None: the bounds of the space and `rate`.
+        normalised: With `limits` only: whether actions in [-1, 1] stand for the whole range of the
+            limits, as `ActuatorLimits.to_command` maps them, or are commands [rad, m/s]. Default:
+            normalised if the space is [-1, 1] in both, with a warning, else commands.
+        rate: Without `limits` only: largest rates of change per second in the units of the space, a
             number or an array of the space's shape. Default: none.
-        dt: Without `limits`: control period that `rate` refers to [s]. Default: 1, per step.
-        low: Without `limits`: lower bounds. Default: those of the space.
-        high: Without `limits`: upper bounds. Default: those of the space.
+        dt: Without `limits` only: control period that `rate` refers to [s]. Default: 1, per step.
+        low: Without `limits` only: lower bounds. Default: those of the space.
+        high: Without `limits` only: upper bounds. Default: those of the space.
         rest: Action, with `limits` the command [rad, m/s], that counts as executed at `reset`.
             Default: the one nearest to zero.
 
     Raises:
         InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
-            not one of two.
+            not one of two, or an argument would have no effect.
         InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
 
     Example:
@@ -66,7 +71,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         [1.0]
     """
 
-    def __new__(cls, env: Any, *args: Any, **kwargs: Any) -> Any:
+    def __new__(cls, env: Any = None, *args: Any, **kwargs: Any) -> Any:
         """Return a `ShieldedVectorEnv` for a vectorised environment."""
         if isinstance(env, VectorEnv):
             return ShieldedVectorEnv(env, *args, **kwargs)
@@ -75,19 +80,19 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def __init__(
         self,
         env: gymnasium.Env[Any, Any],
-        limits: ActuatorLimits | None = None,
+        limits: ActuatorLimits | Mapping[str, Any] | None = None,
         *,
-        rate: ArrayLike = np.inf,
-        dt: float = 1.0,
+        normalised: bool | None = None,
+        rate: ArrayLike | None = None,
+        dt: float | None = None,
         low: ArrayLike | None = None,
         high: ArrayLike | None = None,
         rest: ArrayLike | None = None,
     ) -> None:
-        RecordConstructorArgs.__init__(
-            self, limits=limits, rate=rate, dt=dt, low=low, high=high, rest=rest
-        )
+        bounds = _Bounds(limits, normalised, rate, dt, low, high, rest)
+        RecordConstructorArgs.__init__(self, **bounds.plain())
         gymnasium.Wrapper.__init__(self, env)
-        self._shield = _filter_factory(env.action_space, limits, rate, dt, low, high, rest)()
+        self._shield = bounds.filter_factory(env.action_space)()
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -114,6 +119,7 @@ class ShieldedVectorEnv(VectorWrapper):
     Args:
         env: Vectorised environment.
         limits: As in `ShieldedEnv`, like all that follows.
+        normalised: Whether actions are normalised.
         rate: Largest rates of change per second.
         dt: Control period [s].
         low: Lower bounds.
@@ -122,23 +128,25 @@ class ShieldedVectorEnv(VectorWrapper):
 
     Raises:
         InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
-            not one of two.
+            not one of two, or an argument would have no effect.
         InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
     """
 
     def __init__(
         self,
         env: VectorEnv[Any, Any, Any],
-        limits: ActuatorLimits | None = None,
+        limits: ActuatorLimits | Mapping[str, Any] | None = None,
         *,
-        rate: ArrayLike = np.inf,
-        dt: float = 1.0,
+        normalised: bool | None = None,
+        rate: ArrayLike | None = None,
+        dt: float | None = None,
         low: ArrayLike | None = None,
         high: ArrayLike | None = None,
         rest: ArrayLike | None = None,
     ) -> None:
         super().__init__(env)
-        make = _filter_factory(env.single_action_space, limits, rate, dt, low, high, rest)
+        bounds = _Bounds(limits, normalised, rate, dt, low, high, rest)
+        make = bounds.filter_factory(env.single_action_space)
         self._shields = [make() for _ in range(env.num_envs)]
         self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
         self._ended = np.zeros(env.num_envs, dtype=bool)
@@ -188,35 +196,80 @@ class ShieldedVectorEnv(VectorWrapper):
         return observations, rewards, terminated, truncated, info
 
 
-def _filter_factory(
-    space: Any,
-    limits: ActuatorLimits | None,
-    rate: ArrayLike,
-    dt: float,
-    low: ArrayLike | None,
-    high: ArrayLike | None,
-    rest: ArrayLike | None,
-) -> Callable[[], _ActionFilter]:
-    """Return a function that makes a filter for an action space."""
-    if not isinstance(space, gymnasium.spaces.Box) or np.dtype(space.dtype).kind != "f":
-        raise InvalidProblem(f"`env` must have a Box of floating point actions. Got {space}.")
-    if limits is not None:
+@dataclass(frozen=True, slots=True)
+class _Bounds:
+    """The arguments of both wrappers."""
+
+    limits: ActuatorLimits | Mapping[str, Any] | None
+    normalised: bool | None
+    rate: ArrayLike | None
+    dt: float | None
+    low: ArrayLike | None
+    high: ArrayLike | None
+    rest: ArrayLike | None
+
+    def plain(self) -> dict[str, Any]:
+        """Return them as what JSON can hold."""
+        limits = self.limits
+        values: dict[str, Any] = {
+            "limits": asdict(limits) if isinstance(limits, ActuatorLimits) else limits,
+            "normalised": self.normalised,
+            "dt": self.dt,
+        }
+        for name in ("rate", "low", "high", "rest"):
+            value = getattr(self, name)
+            values[name] = None if value is None else as_array(name, value).tolist()
+        return values
+
+    def filter_factory(self, space: Any) -> Callable[[], _ActionFilter]:
+        """Return a function that makes a filter for an action space."""
+        if not isinstance(space, gymnasium.spaces.Box) or np.dtype(space.dtype).kind != "f":
+            raise InvalidProblem(f"`env` must have a Box of floating point actions. Got {space}.")
+        excluded = ("normalised",) if self.limits is None else ("rate", "dt", "low", "high")
+        for name in excluded:
+            if getattr(self, name) is not None:
+                rule = "needs" if self.limits is None else "has no effect with"
+                raise InvalidProblem(f"`{name}` {rule} `limits`. Got {getattr(self, name)!r}.")
+        return self._box(space) if self.limits is None else self._vehicle(self.limits, space)
+
+    def _vehicle(
+        self, given: ActuatorLimits | Mapping[str, Any], space: Any
+    ) -> Callable[[], _ActionFilter]:
+        limits = given if isinstance(given, ActuatorLimits) else ActuatorLimits(**given)
         if space.shape != (2,):
             raise InvalidProblem(
                 f"`env` must have actions of shape (2,), steering and speed. Got {space}."
             )
-        return lambda: VehicleFilter(limits, space.low, space.high, dtype=space.dtype, rest=rest)
-    bottom = space.low if low is None else np.maximum(_bounds("low", low, space), space.low)
-    top = space.high if high is None else np.minimum(_bounds("high", high, space), space.high)
-    free = np.isinf(bottom) & np.isinf(top) & np.isinf(_bounds("rate", rate, space))
-    if free.any():
-        raise InvalidLimits(
-            f"`env` must have bounded actions, or `rate`, `low` and `high` must. Got {space}."
+        normalised = self.normalised
+        if normalised is None:
+            normalised = bool((space.low == -1.0).all() and (space.high == 1.0).all())
+            if normalised:
+                warnings.warn(
+                    "the actions of the space [-1, 1] are taken for normalised ones; say "
+                    "`normalised=False` if they are in rad and m/s, `normalised=True` if not",
+                    stacklevel=4,
+                )
+        return lambda: VehicleFilter(
+            limits, space.low, space.high, normalised=normalised, dtype=space.dtype, rest=self.rest
         )
-    return lambda: BoxFilter(bottom, top, rate, dt, dtype=space.dtype, rest=rest)
+
+    def _box(self, space: Any) -> Callable[[], _ActionFilter]:
+        rate = np.inf if self.rate is None else self.rate
+        dt = 1.0 if self.dt is None else self.dt
+        bottom, top = space.low, space.high
+        if self.low is not None:
+            bottom = np.maximum(_shaped("low", self.low, space), bottom)
+        if self.high is not None:
+            top = np.minimum(_shaped("high", self.high, space), top)
+        free = np.isinf(bottom) & np.isinf(top) & np.isinf(_shaped("rate", rate, space))
+        if free.any():
+            raise InvalidLimits(
+                f"`env` must have bounded actions, or `rate`, `low` and `high` must. Got {space}."
+            )
+        return lambda: BoxFilter(bottom, top, rate, dt, dtype=space.dtype, rest=self.rest)
 
 
-def _bounds(name: str, values: ArrayLike, space: Any) -> NDArray[np.float64]:
+def _shaped(name: str, values: ArrayLike, space: Any) -> NDArray[np.float64]:
     """Return bounds, or rates, in the shape of a space."""
     bounds = as_array(name, values)
     if bounds.shape not in {(), space.shape}:

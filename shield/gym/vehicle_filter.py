@@ -1,16 +1,15 @@
 r"""Vehicle limits for an action space of two numbers, in its own precision.
 
-The space is either normalised, ``Box(-1, 1)``, or physical, [rad, m/s]. The command that the
-environment executes is a function of the *rounded* action, so a safe command is of no use until an
-action has been found whose own command is safe. Near the projected command there are a few
-neighbouring actions on the grid of the space; the nearest one that passes the exact check is
-taken, and the last executed action, which is on the grid and admissible, if none does.
+The space is either normalised, [-1, 1], or physical, [rad, m/s]. The command that the environment
+executes is a function of the *rounded* action. Actions are projected onto limits that are tighter
+by more than the rounding errors, so that rounding a safe command leaves it safe; an action that is
+admissible as it is passes bit by bit.
 """
 
-from collections.abc import Iterable
+import math
+import time
 from dataclasses import replace
-from itertools import product
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
@@ -19,24 +18,13 @@ from shield.arguments import as_array
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.gym.box_filter import as_action, as_floating
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.rounding import differences_exceed, lateral_exceeds
 from shield.projection.certificate import Certificate, Status
-from shield.projection.repair import Bounds, boundary_speed
+from shield.projection.repair import worst_excess
 from shield.safety_filter import SafetyFilter
 
 __all__ = ["VehicleFilter"]
 
 Array = NDArray[np.float64]
-
-# Grid steps from the rounded action that are tried: a command may be much coarser than its action.
-_REACH = np.array([0, -1, 1, -2, 2, -4, 4, -8, 8, -16, 16, -32, 32])
-
-
-class _Candidate(NamedTuple):
-    """A value of one channel, as the space holds it and as the vehicle executes it."""
-
-    action: Any
-    command: float
 
 
 class VehicleFilter:
@@ -46,15 +34,16 @@ class VehicleFilter:
         limits: Limits of the vehicle.
         low: Lower bounds of the action space, shape (2,).
         high: Upper bounds of the action space, shape (2,).
-        dtype: Precision of the action space. Default: float32.
         normalised: True: actions are mapped to commands by `ActuatorLimits.to_command`. False:
-            actions are commands. None: decided by whether the space is [-1, 1].
+            actions are commands.
+        dtype: Precision of the action space. Default: float32.
         rest: Command [rad, m/s] that counts as executed after `reset`. Default: straight wheels and
             the speed nearest to standstill.
 
     Raises:
         InvalidProblem: The space is not one of two floating point numbers, or `rest` is not finite.
-        InvalidLimits: No command lies both in the space and in the limits.
+        InvalidLimits: No command lies both in the space and in the limits, or the limits are finer
+            than the precision of the space.
     """
 
     def __init__(
@@ -63,20 +52,17 @@ class VehicleFilter:
         low: ArrayLike,
         high: ArrayLike,
         *,
+        normalised: bool,
         dtype: DTypeLike = np.float32,
-        normalised: bool | None = None,
         rest: ArrayLike | None = None,
     ) -> None:
         self._dtype = as_floating("dtype", dtype)
         bottom, top = as_array("low", low, (2,)), as_array("high", high, (2,))
-        unit = bool((bottom == -1.0).all() and (top == 1.0).all())
-        self._normalised = unit if normalised is None else normalised
-        if self._normalised and not unit:
+        if normalised and not ((bottom == -1.0).all() and (top == 1.0).all()):
             raise InvalidProblem(f"a normalised space must be [-1, 1]. Got {low!r} to {high!r}.")
-        self.limits = limits if self._normalised else _within(limits, bottom, top)
-        self._filter = SafetyFilter(self.limits)
-        self._bounds = Bounds.of(self.limits)
-        self._low, self._high = bottom, top
+        self._normalised = normalised
+        self.limits = limits if normalised else _within(limits, bottom, top)
+        self._filter = SafetyFilter(self._tightened())
         start = np.clip(np.zeros(2), self.limits.low, self.limits.high)
         self._rest = start if rest is None else as_array("rest", rest, (2,)).copy()
         if not np.isfinite(self._rest).all():
@@ -90,7 +76,7 @@ class VehicleFilter:
 
     def reset(self) -> None:
         """Count the rest command as executed."""
-        self._action = self._round(self._to_action(self._rest))
+        self._action = self._to_action(self._rest)
         self._filter.reset(self._to_command(self._action))
 
     @np.errstate(all="ignore")
@@ -98,7 +84,7 @@ class VehicleFilter:
         """Return the action to execute, and remember it as executed.
 
         Args:
-            action: Wanted action, shape (2,), any values.
+            action: Nominal action, shape (2,), any values.
 
         Returns:
             The certificate, in the units and the precision of the action space. An admissible
@@ -107,110 +93,81 @@ class VehicleFilter:
         Raises:
             InvalidProblem: The shape does not fit.
         """
-        wanted = as_action("action", action, (2,))
-        given = self._round(wanted)
-        before = self._filter.previous
-        certificate = self._filter.filter(self._to_command(given))
-        if certificate.intervened:
-            realised = self._realise(certificate, before)
-            if realised is None:
-                reason = "no action near the projected one is admissible: the last one is held"
-                certificate = replace(certificate, status=Status.REPAIRED, reason=reason)
-            given = self._action if realised is None else realised
-            self._filter.record(self._to_command(given))
+        begin = time.perf_counter()
+        nominal = as_action("action", action, (2,))
+        given = nominal.astype(self._dtype)
+        before, command = self.previous, self._to_command(given)
+        status, reason, excess = Status.NOMINAL, "", 0.0
+        if self.limits.violated(command, before):
+            certificate = self._filter.filter(command)
+            status, reason = certificate.status, certificate.reason
+            # What only the tightened limits ask for is still a change of the action.
+            status = Status.PROJECTED if status is Status.NOMINAL else status
+            given = self._to_action(certificate.safe_action)
+            command = self._to_command(given)
+            if self.limits.violated(command, before) and not certificate.max_violation:
+                status, reason = Status.REPAIRED, "the last action is held"
+                given, command = self._action, before.copy()
+            excess = worst_excess(self.limits, command.tolist(), *before.tolist())
+        self._filter.record(command)
         self._action = given
-        correction = given.astype(np.float64) - wanted
-        for array in (wanted, given, correction):
+        correction = given.astype(np.float64) - nominal
+        for array in (nominal, given, correction):
             array.flags.writeable = False
-        return replace(certificate, nominal_action=wanted, safe_action=given, correction=correction)
-
-    def _realise(self, certificate: Certificate, before: Array) -> NDArray[Any] | None:
-        """Return the action on the grid nearest to a safe command that is safe itself, if any."""
-        safe = certificate.safe_action
-        lenient = certificate.max_violation > 0.0
-        steering = self._candidates(safe, before, 0, lenient)
-        speed = self._candidates(safe, before, 1, lenient)
-        best = self._nearest(product(steering, speed), safe, lenient)
-        if best is not None:
-            return best
-        # Where the lateral bound is steep, one grid step in steering is worth many in speed.
-        pairs = []
-        for angle in steering:
-            fastest = boundary_speed(self._bounds, angle.command)
-            slower = np.array([angle.command, np.clip(safe[1], -fastest, fastest)])
-            values = self._candidates(slower, before, 1, lenient)
-            pairs += [(angle, value) for value in values]
-        return self._nearest(pairs, safe, lenient)
-
-    def _candidates(
-        self, command: Array, before: Array, channel: int, lenient: bool
-    ) -> list["_Candidate"]:
-        """Return values of the space near a command that keep box and rate of one channel.
-
-        Args:
-            command: Where to look [rad, m/s], shape (2,).
-            before: The command executed before, shape (2,).
-            channel: 0 for steering, 1 for speed.
-            lenient: If none keeps the rate, return those that keep the box.
-        """
-        limits = self.limits
-        action = self._round(self._to_action(command))
-        # Near zero an action is much finer than its command, so steps of both sizes are tried.
-        sizes = np.spacing(np.array([action[channel], 1.0], dtype=self._dtype))
-        grid = (action[channel] + np.outer(sizes, _REACH.astype(self._dtype))).ravel()
-        grid = grid[(self._low[channel] <= grid) & (grid <= self._high[channel])]
-        actions = np.repeat(action[None], len(grid), axis=0)
-        actions[:, channel] = grid
-        values = self._to_command(actions)[:, channel]
-        last = np.full(len(values), before[channel])
-        boxed = (limits.low[channel] <= values) & (values <= limits.high[channel])
-        steady = ~differences_exceed(values, last, np.asarray(limits.rise[channel]))
-        steady &= ~differences_exceed(last, values, np.asarray(limits.fall[channel]))
-        good = boxed & steady
-        if lenient and not good.any():
-            good = boxed
-        return [
-            _Candidate(value, float(exact))
-            for value, exact in zip(grid[good], values[good], strict=True)
-        ]
-
-    def _nearest(
-        self, pairs: Iterable[tuple["_Candidate", "_Candidate"]], safe: Array, lenient: bool
-    ) -> NDArray[Any] | None:
-        """Return the pair nearest to a safe command that keeps the lateral bound, if any.
-
-        Args:
-            pairs: Candidates for steering and speed.
-            safe: The safe command.
-            lenient: Take the nearest pair, because the safe command breaks a bound itself.
-        """
-        bound, wheelbase = self.limits.max_lateral_acceleration, self.limits.wheelbase
-        turn, change = self.limits.rise
-        ranked = sorted(
-            pairs,
-            key=lambda pair: (
-                abs(pair[0].command - safe[0]) / turn + abs(pair[1].command - safe[1]) / change
-            ),
+        return Certificate(
+            nominal_action=nominal,
+            safe_action=given,
+            status=status,
+            reason=reason,
+            correction=correction,
+            max_violation=excess,
+            solve_time=time.perf_counter() - begin,
+            intervened=status is not Status.NOMINAL,
         )
-        for steering, speed in ranked:
-            if (
-                lenient
-                or bound is None
-                or not lateral_exceeds(steering.command, speed.command, bound, wheelbase)
-            ):
-                return np.array([steering.action, speed.action], dtype=self._dtype)
-        return None
 
-    def _round(self, action: NDArray[Any]) -> NDArray[Any]:
-        with np.errstate(over="ignore"):
-            return action.astype(self._dtype)
+    def _tightened(self) -> ActuatorLimits:
+        """Return limits that still hold after a command was rounded to the space's precision."""
+        limits = self.limits
+        low, high = limits.low, limits.high
+        # A unit in the last place of the largest action, as a command; rounding errs by half of it.
+        size = high - low if self._normalised else np.maximum(np.abs(low), np.abs(high))
+        margin = np.where(high > low, size * float(np.finfo(self._dtype).eps), 0.0)
+        turn, change = margin.tolist()
+        steps = np.minimum(limits.max_increase, limits.max_decrease)
+        if (2.0 * margin >= np.minimum(steps, np.where(high > low, high - low, np.inf))).any():
+            raise InvalidLimits(f"{self._dtype} is too coarse for the steps {steps} of {limits}.")
+        lateral = limits.max_lateral_acceleration
+        if lateral is not None:
+            # The largest change of v² tan δ along the bound: in v at most that at full steering, in
+            # δ at most that at full speed.
+            bound, tangent = lateral * limits.wheelbase, math.tan(limits.max_steering)
+            fastest = max(abs(limits.min_speed), abs(limits.max_speed))
+            lost = 2.0 * math.sqrt(bound * tangent) * change
+            lost += (fastest * fastest + bound * tangent) * turn
+            if lost >= 0.5 * bound:
+                raise InvalidLimits(
+                    f"{self._dtype} is too coarse for `max_lateral_acceleration`. Got {lateral!r}."
+                )
+            lateral -= 2.0 * lost / limits.wheelbase
+        return replace(
+            limits,
+            max_steering=limits.max_steering - turn,
+            min_speed=limits.min_speed + change,
+            max_speed=limits.max_speed - change,
+            max_steering_rate=limits.max_steering_rate - turn / limits.dt,
+            max_acceleration=limits.max_acceleration - change / limits.dt,
+            max_deceleration=limits.max_deceleration - change / limits.dt,
+            max_lateral_acceleration=lateral,
+        )
 
     def _to_command(self, action: NDArray[Any]) -> Array:
         exact = action.astype(np.float64)
         return self.limits.to_command(exact) if self._normalised else exact
 
-    def _to_action(self, command: Array) -> Array:
-        return self.limits.to_action(command) if self._normalised else command
+    def _to_action(self, command: Array) -> NDArray[Any]:
+        exact = self.limits.to_action(command) if self._normalised else command
+        with np.errstate(over="ignore"):
+            return exact.astype(self._dtype)
 
 
 def _within(limits: ActuatorLimits, low: Array, high: Array) -> ActuatorLimits:

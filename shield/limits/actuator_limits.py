@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shield.arguments import as_array, as_float, is_number
 from shield.errors import InvalidLimits, InvalidProblem
-from shield.limits.rounding import difference_exceeds, lateral_exceeds
+from shield.limits.rounding import BAND, difference_exceeds
 
 __all__ = ["ActuatorLimits"]
 
@@ -40,7 +40,8 @@ class ActuatorLimits:
       :math:`-b_{max}\,dt \le v_t - v_{t-1} \le a_{max}\,dt`;
     * G3 (lateral): :math:`|v_t^2 \tan\delta_t / L| \le a_{lat,max}`.
 
-    The products rate · dt are those of float64 arithmetic; the comparisons are exact. Speeds are
+    The products rate · dt are those of float64 arithmetic; no comparison errs on the side of a
+    violation. Speeds are
     signed: acceleration bounds how fast `v` rises, deceleration how fast it falls.
 
     Attributes:
@@ -125,14 +126,31 @@ class ActuatorLimits:
         return _frozen([self.max_steering, self.max_speed])
 
     @property
-    def rise(self) -> NDArray[np.float64]:
-        """Largest rise in one period ([rad], [m/s]), shape (2,), read-only."""
+    def max_increase(self) -> NDArray[np.float64]:
+        """Largest increase in one period ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([self.steering_step, self.acceleration_step])
 
     @property
-    def fall(self) -> NDArray[np.float64]:
-        """Largest fall in one period ([rad], [m/s]), shape (2,), read-only."""
+    def max_decrease(self) -> NDArray[np.float64]:
+        """Largest decrease in one period ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([self.steering_step, self.deceleration_step])
+
+    @property
+    def step(self) -> NDArray[np.float64]:
+        """Largest change in one period in either direction ([rad], [m/s]), shape (2,)."""
+        return _frozen([self.steering_step, max(self.acceleration_step, self.deceleration_step)])
+
+    @property
+    def step_weights(self) -> tuple[float, float]:
+        """Weights 1 / step² that measure squared distances in steps of the actuators."""
+        return 1.0 / self.step[0] ** 2, 1.0 / self.step[1] ** 2
+
+    @property
+    def certain_bound(self) -> float:
+        """v²·|tan δ| up to which G3 holds whatever the rounding [m²/s²]; infinite without G3."""
+        if self.max_lateral_acceleration is None:
+            return math.inf
+        return self.max_lateral_acceleration * self.wheelbase * (1.0 - BAND)
 
     def to_command(self, action: ArrayLike) -> NDArray[np.float64]:
         """Map normalised actions to commands; -1 and 1 are the exact ends of the box.
@@ -190,7 +208,8 @@ class ActuatorLimits:
             previous: The command executed one period before [rad, m/s], shape (2,).
 
         Returns:
-            True when a bound is broken by any amount, or when a value is not finite.
+            True when a bound is broken by any amount, or when a value is not finite. A lateral
+            acceleration within 16 ulp below its bound, where float64 cannot tell, counts as broken.
 
         Raises:
             InvalidProblem: A shape is not (2,).
@@ -208,8 +227,7 @@ class ActuatorLimits:
             or difference_exceeds(last_speed, speed, self.deceleration_step)
         ):
             return True
-        bound = self.max_lateral_acceleration
-        return bound is not None and lateral_exceeds(steering, speed, bound, self.wheelbase)
+        return speed * speed * abs(math.tan(steering)) > self.certain_bound
 
     def is_admissible(self, command: ArrayLike) -> bool:
         """Tell whether a command (2,) satisfies G1 and G3, whatever came before it."""

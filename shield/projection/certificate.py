@@ -1,14 +1,13 @@
 """What a shield hands back: the command, and how far it can be trusted."""
 
-from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["BatchProjection", "Certificate", "Projection", "Status"]
+__all__ = ["Certificate", "Projection", "Status"]
 
 
 class Status(StrEnum):
@@ -16,12 +15,12 @@ class Status(StrEnum):
 
     Attributes:
         NOMINAL: The nominal commands were admissible and come back bit by bit.
-        PROJECTED: The nearest admissible commands; the solver's answer needed no more than its
-            own tolerance of repair.
-        REPAIRED: Admissible, but the solver stopped early or its answer broke a bound by more than
-            its tolerance, so a nearer answer may exist.
-        FALLBACK: The nominal commands or the solver gave nothing to go on, or the previous command
-            was such that no answer keeps every bound.
+        PROJECTED: The nearest admissible commands, verified at the answer itself: a local optimum
+            where a constraint is not convex.
+        REPAIRED: Admissible, but not verified to be the nearest, or the caller's own constraints
+            cannot be kept together with the limits. The reason says which.
+        FALLBACK: Not what was asked for: the nominal or the previous command was not finite, or the
+            previous command was such that no answer keeps every bound.
     """
 
     NOMINAL = "nominal"
@@ -39,10 +38,12 @@ class Projection:
         status: How it came about.
         correction: ``actions - nominal`` [rad, m/s], shape (H, 2), read-only; not
             finite where the nominal is not.
-        max_violation: Largest violation found by the independent check, as a fraction of the
-            bound it breaks. Exactly 0 unless the previous command was inadmissible.
+        max_violation: Largest violation of the limits found by the independent check, as a fraction
+            of the bound it breaks. Exactly 0 unless the previous command was inadmissible.
         solve_time: Wall time of the call [s].
         reason: Empty for `NOMINAL` and for an undisturbed `PROJECTED`; else what happened.
+        violations: By how much each of the caller's own constraints is broken at `actions`, in the
+            units of its rows, in the order given to the projector; 0 if it holds.
     """
 
     actions: NDArray[np.float64]
@@ -51,48 +52,14 @@ class Projection:
     max_violation: float
     solve_time: float
     reason: str
+    violations: tuple[float, ...] = ()
 
 
-@dataclass(frozen=True, slots=True)
-class BatchProjection:
-    """B admissible horizons; indexing and iterating give `Projection` objects.
-
-    Attributes:
-        actions: Commands [rad, m/s], shape (B, H, 2), read-only.
-        status: Status of each horizon, length B.
-        correction: ``actions - nominals``, shape (B, H, 2), read-only.
-        max_violation: Largest violation of each horizon as a fraction of the bound, shape (B,).
-        solve_time: Wall time of the whole call [s].
-        reason: Reason of each horizon, length B.
-    """
-
-    actions: NDArray[np.float64]
-    status: tuple[Status, ...]
-    correction: NDArray[np.float64]
-    max_violation: NDArray[np.float64]
-    solve_time: float
-    reason: tuple[str, ...]
-
-    def __len__(self) -> int:
-        return len(self.status)
-
-    def __getitem__(self, index: int) -> Projection:
-        return Projection(
-            self.actions[index],
-            self.status[index],
-            self.correction[index],
-            float(self.max_violation[index]),
-            self.solve_time / len(self),
-            self.reason[index],
-        )
-
-    def __iter__(self) -> Iterator[Projection]:
-        return (self[index] for index in range(len(self)))
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Certificate:
     """What the safety filter did to one command.
+
+    Two certificates are equal if they say the same; the time that it took is no part of that.
 
     Attributes:
         nominal_action: Command asked for [rad, m/s], shape (2,), read-only. In `shield.gym` an
@@ -112,5 +79,23 @@ class Certificate:
     reason: str
     correction: NDArray[np.float64]
     max_violation: float
-    solve_time: float
+    solve_time: float = field(compare=False)
     intervened: bool
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Certificate):
+            return NotImplemented
+        return self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        """Return what two equal certificates have in common; NaN equals itself."""
+        arrays = (self.nominal_action, self.safe_action)
+        return (
+            *((array.dtype.str, array.shape, array.tobytes()) for array in arrays),
+            self.status,
+            self.reason,
+            self.max_violation,
+        )

@@ -11,23 +11,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.projection.repair import Bounds, repair
+from shield.projection.repair import repair
 
 __all__ = ["FallbackPlan", "braking_targets"]
 
 
-def braking_targets(bounds: Bounds, steering: float, horizon: int) -> list[float]:
+def braking_targets(limits: ActuatorLimits, steering: float, horizon: int) -> list[float]:
     """Return flat targets (2 H,) that brake to the slowest speed and hold the steering.
 
     Repaired, they brake at the full rate. The steering stays on its arc and is eased only where
     the lateral bound asks for it: straightening the wheels in a bend would leave the lane.
 
     Args:
-        bounds: Limits.
+        limits: Limits of the vehicle.
         steering: Last executed steering [rad].
         horizon: Number of steps H.
     """
-    slowest = min(max(0.0, bounds.min_speed), bounds.max_speed)
+    slowest = min(max(0.0, limits.min_speed), limits.max_speed)
     return [steering, slowest] * horizon
 
 
@@ -39,7 +39,7 @@ class FallbackPlan:
     """
 
     def __init__(self, limits: ActuatorLimits) -> None:
-        self._bounds = Bounds.of(limits)
+        self._limits = limits
         self._rest: list[float] = []
 
     def reset(self) -> None:
@@ -71,8 +71,8 @@ class FallbackPlan:
         what = "the last plan shifted by one" if targets else "braking"
         missing = length - len(targets) // 2
         last_steering = targets[-2] if targets else steering
-        targets += braking_targets(self._bounds, last_steering, missing)
-        return repair(self._bounds, targets, steering, speed).commands, what
+        targets += braking_targets(self._limits, last_steering, missing)
+        return repair(self._limits, targets, steering, speed).commands, what
 
 
 def _finite_prefix(values: list[float]) -> Iterable[float]:

@@ -1,66 +1,84 @@
-"""The nearest admissible horizon: solve, settle, repair, check."""
+"""The nearest admissible horizon: solve, repair, check, certify."""
 
 import math
 import reprlib
 import time
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
+from scipy.optimize import nnls
 
 from shield.arguments import as_array, check_positive
 from shield.errors import InvalidProblem
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.constraints import BoxLimit, RateLimit, stack_rows
-from shield.projection.batch import BatchEngine
-from shield.projection.certificate import BatchProjection, Projection, Status
-from shield.projection.chain import ChainBounds, is_optimal, settle_chain, solve_chain
+from shield.limits.box import BoxLimit
+from shield.limits.constraint import Constraint, RowStack
+from shield.limits.lateral import LateralLimit
+from shield.limits.rate import RateLimit
+from shield.projection.certificate import Projection, Status
 from shield.projection.fallback import braking_targets
-from shield.projection.repair import Bounds, is_admissible, repair, worst_excess
-from shield.projection.solvers import SolverFactory, make_solver
-from shield.projection.successive import SuccessiveProjection
+from shield.projection.repair import is_admissible, repair, worst_excess
+from shield.projection.solvers import Answer, QPSolver, SolverFactory, make_solver
 
 __all__ = ["HorizonProjector"]
 
 Array = NDArray[np.float64]
 
-# Targets this many box widths away pull as hard as any; further ones would only lose digits.
-_FAR = 1e9
-# The solver, and all that deals with bends, sees targets no further than this; the exact part of
-# G1 and G2 sees them as they are.
-_NEAR = 10.0
-# In units of a channel's step: tolerance of the solver, which only has to find the active bounds;
-# distance to a bound that counts as active; error of a certified optimum.
-_SEARCH, _ACTIVE, _CERTIFIED = 1e-3, 1e-2, 1e-9
-# Horizons of a batch that share one deadline.
-_PER_DEADLINE = 64
+_MAX_PROGRAMS = 12  # [-] linearisations of one call; four are enough for 99 % of bending problems
+_FAR = 1e7  # [steps] targets further away pull no harder: the digits of float64 end there
+_LARGEST_SCALE = 100.0  # [steps] unit of the solver: the distance to the target, up to this
+_SOFT = 1e3  # [-] weight of breaking a row of the caller's, where not all rows can be kept
+_MAX_VERIFIED = 64  # [-] variables up to which multipliers are computed without the solver's
 _INADMISSIBLE = (
     "the previous command is inadmissible: the box holds, the rest is approached at full rate"
 )
 
 
+class _Found(NamedTuple):
+    """A repaired horizon and how good it is.
+
+    Attributes:
+        commands: Flat horizon, length 2 H.
+        verified: Whether it is the nearest, to the tolerance.
+        broken: Largest excess of the caller's scaled rows over the tolerance [steps].
+        distance: Half the weighted squared distance to the target [steps²].
+    """
+
+    commands: list[float]
+    verified: bool
+    broken: float
+    distance: float
+
+
 class HorizonProjector:
-    r"""Projects horizons onto G1, G2 and G3.
+    r"""Projects horizons onto G1, G2, G3 and constraints of the caller's own.
 
     The answer minimises :math:`\tfrac12\sum_t w_\delta(\delta_t-\bar\delta_t)^2 +
-    w_v(v_t-\bar v_t)^2` over the admissible horizons: exactly for G1 and G2, to a local optimum
-    where G3 binds. Whatever the solver does, the forward repair makes every bound hold on the
-    float64 values returned. Objects are not safe to share between threads.
+    w_v(v_t-\bar v_t)^2` subject to the rows of all constraints, linearised again and again where
+    they are not linear. Whatever the solver does, the forward repair makes G1, G2 and G3 hold on
+    the float64 values returned; rows of the caller's hold to the tolerance where they can be kept
+    together with the limits, else they are broken as little as possible. An answer counts as
+    projected only if its duality gap says so. Objects are not safe to share between threads.
 
     Args:
         limits: Limits of the vehicle.
         horizon: Number of steps H.
-        solver: "osqp", or any solver installed for qpsolvers, or a factory (see `make_solver`).
-        weights: Weights of steering and speed in the distance, (2,). They matter only where the
-            lateral bound couples the two. Default: plain distance in rad and m/s.
-        tolerance: Distance, in units of a step, by which the repair may move an answer that still
-            counts as projected. Default: 1e-6.
-        deadline: Longest time for one call of `project`, and for each 64 horizons, or part of them,
-            of `project_batch` [s]. Default: half of a 10 Hz period.
+        solver: "osqp", which keeps the deadline, or any solver installed for qpsolvers (see
+            `QpsolversSolver` for which of those do), or a factory (see `make_solver`).
+        constraints: Constraints on top of the limits, objects with a method
+            ``rows(actions, previous) -> Rows``.
+        weights: Weights of steering [1/rad²] and speed [1/(m/s)²] in the distance, (2,).
+            Default: distances are measured in steps, the largest changes of the actuators in one
+            period.
+        tolerance: Duality gap, as a share of the objective, up to which an answer counts as the
+            nearest, and distance [steps] up to which a row of the caller's counts as kept.
+        deadline: Longest time for one call of `project` [s]. Default: half of a 10 Hz period.
 
     Raises:
-        InvalidProblem: `horizon`, `solver`, `weights`, `tolerance` or `deadline` makes no sense.
+        InvalidProblem: An argument makes no sense, or a constraint returns rows of a wrong shape.
     """
 
     def __init__(
@@ -69,44 +87,45 @@ class HorizonProjector:
         horizon: int,
         solver: str | SolverFactory = "osqp",
         *,
-        weights: tuple[float, float] = (1.0, 1.0),
+        constraints: Sequence[Constraint] = (),
+        weights: tuple[float, float] | None = None,
         tolerance: float = 1e-6,
         deadline: float = 0.05,
     ) -> None:
         if not isinstance(limits, ActuatorLimits):
             raise InvalidProblem(f"`limits` must be ActuatorLimits. Got {limits!r}.")
-        self.limits = limits
-        self.horizon, self.weights = _checked_arguments(horizon, weights, tolerance, deadline)
-        self.deadline = float(deadline)
-        self.tolerance = float(tolerance)
-        bounds = self._bounds = Bounds.of(limits)
-        step = bounds.steering_step
-        self._channels = (
-            ChainBounds(-bounds.max_steering, bounds.max_steering, step, step),
-            ChainBounds(bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall),
-        )
-        self._units = (step, min(bounds.rise, bounds.fall))
-        self._reach = 1.0 + 3.0 * max(abs(bounds.min_speed), abs(bounds.max_speed))
-        self._diagonal = np.tile(self.weights, self.horizon)
-        self._engine = BatchEngine(bounds, self.horizon, self.weights, _NEAR * self._reach)
-        # The solver sees every channel in units of its step, whatever the vehicle.
-        self._scale = np.tile(self._units, self.horizon)
-        self._pull = -1.0 / self._scale
-        rows = stack_rows(
-            [BoxLimit(limits), RateLimit(limits)], np.zeros((self.horizon, 2)), np.zeros(2)
-        )
-        double = np.tile(self._scale, 2)
-        self._lower, self._upper = rows.lower / double, rows.upper / double
-        ones = np.ones(2 * self.horizon)
-        matrix = sparse.csc_matrix(rows.matrix)
-        self._solver = make_solver(solver, ones, matrix, _SEARCH, 0.4 * self.deadline)
-        self._successive = (
-            None
-            if bounds.lateral is None
-            else SuccessiveProjection(
-                limits, self.horizon, solver, self.weights, 0.2 * self.deadline
+        if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 1:
+            raise InvalidProblem(
+                f"`horizon` must be a positive integer. Got {reprlib.repr(horizon)}."
             )
-        )
+        check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
+        self.limits, self.horizon = limits, int(horizon)
+        self.weights = _checked_weights(limits, weights)
+        self.deadline, self.tolerance = float(deadline), float(tolerance)
+        self.constraints = tuple(constraints)
+        self._choice = solver
+        own: list[Constraint] = [BoxLimit(limits, horizon), RateLimit(limits, horizon)]
+        if limits.max_lateral_acceleration is not None:
+            own.append(LateralLimit(limits, horizon))
+        self._built_in = len(own)
+        # Rows of G1 and G2 are the same at every horizon.
+        self._is_linear = len(own) == 2 and not self.constraints
+        self._scale = np.tile(limits.step, self.horizon)
+        self._diagonal = np.tile(self.weights * limits.step**2, self.horizon)
+        self._rows = RowStack([*own, *self.constraints], self.horizon, limits.step)
+        self._solver = self._make_solver()
+        self._soft: QPSolver | None = None
+        self._is_stale = False  # whether the solver has yet to see the entries of the rows
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        """Copy by building anew: a solver's workspace cannot be copied."""
+        options = {
+            "constraints": self.constraints,
+            "weights": self.weights,
+            "tolerance": self.tolerance,
+            "deadline": self.deadline,
+        }
+        return _build, (self.limits, self.horizon, self._choice, options)
 
     def reset(self) -> None:
         """Forget earlier horizons.
@@ -115,14 +134,13 @@ class HorizonProjector:
         give the same answers, bit by bit, as long as no deadline cuts one short.
         """
         self._solver.reset()
-        if self._successive is not None:
-            self._successive.reset()
+        self._soft = None
 
     def project(self, nominal: ArrayLike, previous: ArrayLike) -> Projection:
         """Return the nearest admissible horizon.
 
         Args:
-            nominal: Wanted commands [rad, m/s], shape (H, 2), any values.
+            nominal: Commands to be near to [rad, m/s], shape (H, 2), any values.
             previous: Last executed command [rad, m/s], shape (2,), any values.
 
         Returns:
@@ -132,96 +150,68 @@ class HorizonProjector:
             InvalidProblem: A shape or a type does not fit.
         """
         begin = time.perf_counter()
-        wanted = as_array("nominal", nominal, (self.horizon, 2))
+        target = as_array("nominal", nominal, (self.horizon, 2))
         last = as_array("previous", previous, (2,))
-        return self._project(wanted, last, begin, begin + 0.5 * self.deadline)
+        return self._project(target, last, begin)
 
-    @np.errstate(all="ignore")
-    def _project(self, wanted: Array, last: Array, begin: float, stop_at: float) -> Projection:
-        """Return the nearest admissible horizon; no solver is started after `stop_at`."""
-        steering, speed = last.tolist()
-        flat: list[float] = wanted.ravel().tolist()
-        note = ""
-        if not math.isfinite(steering + speed):
-            steering, speed, note = self._usable_previous(steering, speed)
-        if not note and is_admissible(self._bounds, flat, steering, speed):
-            commands, status, reason, excess = flat, Status.NOMINAL, "", 0.0
-        else:
-            commands, status, reason = self._answer(flat, steering, speed, stop_at)
-            excess = worst_excess(self._bounds, commands, steering, speed)
-            if note or excess > 0.0:
-                status = Status.FALLBACK
-                parts = (note, _INADMISSIBLE if excess > 0.0 else "", reason)
-                reason = "; ".join(part for part in parts if part)
-        actions = np.array(commands).reshape(self.horizon, 2)
-        correction = actions - wanted
-        actions.flags.writeable = False
-        correction.flags.writeable = False
-        return Projection(actions, status, correction, excess, time.perf_counter() - begin, reason)
-
-    def project_batch(self, nominals: ArrayLike, previous: ArrayLike) -> BatchProjection:
-        """Project B horizons at once.
+    def project_batch(self, nominals: ArrayLike, previous: ArrayLike) -> tuple[Projection, ...]:
+        """Project B horizons, one after the other, each with a deadline of its own.
 
         Args:
-            nominals: Wanted commands [rad, m/s], shape (B, H, 2), any values.
+            nominals: Commands to be near to [rad, m/s], shape (B, H, 2), any values.
             previous: Last executed command, shape (2,) for all or (B, 2) [rad, m/s].
-
-        Returns:
-            B horizons with their statuses.
 
         Raises:
             InvalidProblem: A shape or a type does not fit.
         """
-        begin = time.perf_counter()
-        wanted = as_array("nominals", nominals)
-        if wanted.ndim != 3 or wanted.shape[1:] != (self.horizon, 2):
+        targets = as_array("nominals", nominals)
+        if targets.ndim != 3 or targets.shape[1:] != (self.horizon, 2):
             raise InvalidProblem(
-                f"`nominals` must have shape (B, {self.horizon}, 2). Got {wanted.shape}."
+                f"`nominals` must have shape (B, {self.horizon}, 2). Got {targets.shape}."
             )
-        last = as_array("previous", previous)
-        if last.shape not in {(2,), (len(wanted), 2)}:
+        lasts = as_array("previous", previous)
+        if lasts.shape not in {(2,), (len(targets), 2)}:
             raise InvalidProblem(
-                f"`previous` must have shape (2,) or ({len(wanted)}, 2). Got {last.shape}."
+                f"`previous` must have shape (2,) or ({len(targets)}, 2). Got {lasts.shape}."
             )
-        return self._project_batch(wanted, np.broadcast_to(last, (len(wanted), 2)), begin)
+        pairs = zip(targets, np.broadcast_to(lasts, (len(targets), 2)), strict=True)
+        return tuple(self._project(target, last, time.perf_counter()) for target, last in pairs)
 
     @np.errstate(all="ignore")
-    def _project_batch(self, wanted: Array, lasts: Array, begin: float) -> BatchProjection:
-        """Project what fits in arrays at once, and what is left over one by one."""
-        actions, nominal, solved = self._engine.solve(wanted, lasts)
-        count = len(wanted)
-        status = [Status.PROJECTED] * count
-        for row in np.flatnonzero(nominal).tolist():
-            status[row] = Status.NOMINAL
-        reasons, excess = [""] * count, np.zeros(count)
-        allowed = 0.4 * self.deadline * -(-count // _PER_DEADLINE)
-        for row in np.flatnonzero(~(nominal | solved)).tolist():
-            now = time.perf_counter()
-            stop_at = min(begin + allowed, now + 0.5 * self.deadline)
-            single = self._project(wanted[row], lasts[row], now, stop_at)
-            actions[row], status[row] = single.actions, single.status
-            reasons[row], excess[row] = single.reason, single.max_violation
-        correction = actions - wanted
-        for array in (actions, correction, excess):
-            array.flags.writeable = False
-        return BatchProjection(
-            actions, tuple(status), correction, excess, time.perf_counter() - begin, tuple(reasons)
-        )
-
-    def objective(self, actions: ArrayLike, nominal: ArrayLike) -> float:
-        """Return half the weighted squared distance between two horizons of shape (H, 2)."""
-        difference = as_array("actions", actions) - as_array("nominal", nominal)
-        return float(0.5 * np.sum(difference * difference * np.array(self.weights)))
+    def _project(self, target: Array, last: Array, begin: float) -> Projection:
+        """Return the nearest admissible horizon."""
+        steering, speed, note = self._usable_previous(*last.tolist())
+        flat: list[float] = target.ravel().tolist()
+        finite = math.isfinite(sum(flat)) or all(map(math.isfinite, flat))
+        if not finite:
+            commands, reason = self._brake(flat, steering, speed)
+            status = Status.FALLBACK
+        elif not note and self._keeps_all(target, flat, steering, speed):
+            commands, status, reason = flat, Status.NOMINAL, ""
+        else:
+            commands, status, reason = self._nearest(flat, steering, speed, begin)
+        excess = worst_excess(self.limits, commands, steering, speed)
+        if note or excess > 0.0:
+            status = Status.FALLBACK
+            parts = (note, _INADMISSIBLE if excess > 0.0 else "", reason)
+            reason = "; ".join(part for part in parts if part)
+        actions = np.array(commands).reshape(self.horizon, 2)
+        correction = actions - target
+        violations = self._violations(actions, np.array([steering, speed]))
+        actions.flags.writeable = False
+        correction.flags.writeable = False
+        elapsed = time.perf_counter() - begin
+        return Projection(actions, status, correction, excess, elapsed, reason, violations)
 
     def _usable_previous(self, steering: float, speed: float) -> tuple[float, float, str]:
         """Return a finite previous command, and a note when it had to be assumed."""
         if math.isfinite(steering) and math.isfinite(speed):
             return steering, speed, ""
-        bounds = self._bounds
-        side = bounds.max_steering
+        limits = self.limits
+        side = limits.max_steering
         turned = 0.0 if math.isnan(steering) else min(max(steering, -side), side)
         moving = 0.0 if math.isnan(speed) else speed
-        moving = min(max(moving, bounds.min_speed), bounds.max_speed)
+        moving = min(max(moving, limits.min_speed), limits.max_speed)
         return (
             turned,
             moving,
@@ -229,144 +219,200 @@ class HorizonProjector:
             f"({turned:g}, {moving:g}) assumed",
         )
 
-    def _answer(
-        self, flat: list[float], steering: float, speed: float, stop_at: float
-    ) -> tuple[list[float], Status, str]:
-        """Return the repaired horizon for a nominal that is not admissible."""
-        # At least the largest value, at one call's cost; only where it is large look again.
-        largest, near = math.hypot(*flat), _NEAR * self._reach
-        if not largest <= near:
-            if not all(map(math.isfinite, flat)):
-                return self._brake(flat, steering, speed)
-            far = _FAR * self._reach
-            flat = [min(max(value, -far), far) for value in flat]
-        if time.perf_counter() > stop_at:
-            commands = repair(self._bounds, flat, steering, speed, self.weights).commands
-            return commands, Status.REPAIRED, "stopped at the deadline"
-        exact = shown = np.array(flat)
-        if largest > near:
-            shown = np.clip(exact, -near, near)
-        self._set_previous(steering, speed)
-        answer, reason = self._solver.solve(self._pull * shown, self._lower, self._upper)
-        guess: list[float] | None = None if answer is None else (answer * self._scale).tolist()
-        if guess is not None and not math.isfinite(sum(guess)):
-            guess, reason = None, "the solver's answer is not finite"
-        goal, replaced = self._settle(guess, flat, steering, speed)
-        repaired = repair(self._bounds, goal, steering, speed, self.weights)
-        if repaired.bent and repaired.complete and self._successive is not None:
-            return self._bend(repaired.commands, shown, steering, speed, stop_at, reason)
-        if guess is None:
-            return repaired.commands, Status.FALLBACK, reason
-        if replaced and not reason and shown is exact:
-            off = self._distance(guess, goal)
-            # What a solver at this tolerance may miss by, with pulls of this size.
-            if off > 1.0 + 10.0 * _SEARCH * self._distance(flat, goal):
-                reason = f"the solver was off by {off:.1e} steps: solved by dynamic programming"
-        return repaired.commands, Status.REPAIRED if reason else Status.PROJECTED, reason
-
-    def _brake(
-        self, flat: list[float], steering: float, speed: float
-    ) -> tuple[list[float], Status, str]:
+    def _brake(self, flat: list[float], steering: float, speed: float) -> tuple[list[float], str]:
         """Return full braking, for a nominal that is not finite somewhere."""
         index, value = next(item for item in enumerate(flat) if not math.isfinite(item[1]))
-        targets = braking_targets(self._bounds, steering, self.horizon)
-        commands = repair(self._bounds, targets, steering, speed).commands
+        targets = braking_targets(self.limits, steering, self.horizon)
         step, channel = divmod(index, 2)
-        return commands, Status.FALLBACK, f"nominal[{step}, {channel}] is {value}: braking"
+        commands = repair(self.limits, targets, steering, speed).commands
+        return commands, f"nominal[{step}, {channel}] is {value}: braking"
 
-    def _settle(
-        self, guess: list[float] | None, targets: list[float], steering: float, speed: float
-    ) -> tuple[list[float], bool]:
-        """Return the exact optimum of G1 and G2, and whether the solver was of no help.
+    def _keeps_all(self, target: Array, flat: list[float], steering: float, speed: float) -> bool:
+        """Tell whether a horizon keeps the limits exactly and other rows to the tolerance."""
+        if not is_admissible(self.limits, flat, steering, speed):
+            return False
+        if not self.constraints:
+            return True
+        self._take_rows(target, np.array([steering, speed]))
+        return self._broken(target.ravel() / self._scale) == 0.0
 
-        The solver's active bounds are solved for and verified; failing that, the dynamic program
-        needs no solver.
-        """
-        goal = [0.0] * len(targets)
-        replaced = False
-        for channel, last in enumerate((steering, speed)):
-            wanted, bounds, unit = (
-                targets[channel::2],
-                self._channels[channel],
-                self._units[channel],
-            )
-            if guess is not None:
-                chain = settle_chain(guess[channel::2], wanted, bounds, last, _ACTIVE * unit)
-                if is_optimal(chain, wanted, bounds, last, _CERTIFIED * unit):
-                    goal[channel::2] = chain
-                    continue
-            goal[channel::2] = solve_chain(wanted, bounds, last)
-            replaced = True
-        return goal, replaced
-
-    def _bend(
-        self,
-        start: list[float],
-        targets: Array,
-        steering: float,
-        speed: float,
-        stop_at: float,
-        reason: str,
+    def _nearest(
+        self, flat: list[float], steering: float, speed: float, begin: float
     ) -> tuple[list[float], Status, str]:
-        """Improve a repaired horizon where the lateral bound binds."""
-        assert self._successive is not None
-        answer = self._successive.solve(targets, np.array(start), (steering, speed), stop_at)
-        reason = reason or answer.reason
-        if answer.horizon is None:
-            return start, Status.FALLBACK, reason
-        goal = answer.horizon.tolist()
-        commands = repair(self._bounds, goal, steering, speed, self.weights).commands
-        cost, first_cost = self._cost(commands, targets), self._cost(start, targets)
-        if cost > first_cost:
-            commands = start
-            if cost > first_cost * (1.0 + self.tolerance):
-                return start, Status.REPAIRED, reason or "the repair alone was nearer"
-        moved = self._distance(goal, commands)
-        if not reason and moved > self.tolerance:
-            reason = f"the answer was repaired by {moved:.1e} steps"
-        return commands, Status.REPAIRED if reason else Status.PROJECTED, reason
+        """Return the nearest horizon for a finite nominal that is not admissible."""
+        far = self._scale * _FAR
+        goal = np.clip(np.array(flat), -far, far)
+        start = repair(self.limits, goal.tolist(), steering, speed, self.weights)
+        if not start.complete:
+            return start.commands, Status.FALLBACK, ""
+        if self.horizon == 1 and not (self.constraints or start.lateral_active):
+            # One command in a rectangle: the nearest is what the repair clips to.
+            return start.commands, Status.PROJECTED, ""
+        found, reason = self._improve(start.commands, goal, np.array([steering, speed]), begin)
+        if found.verified:
+            return found.commands, Status.PROJECTED, ""
+        return found.commands, Status.REPAIRED, reason or "the optimum could not be verified"
 
-    def _cost(self, commands: list[float], targets: Array) -> float:
-        """Return the objective of a flat horizon."""
-        difference = np.array(commands) - targets
-        return float(0.5 * np.dot(self._diagonal, difference * difference))
+    def _improve(
+        self, start: list[float], goal: Array, previous: Array, begin: float
+    ) -> tuple[_Found, str]:
+        """Return the best horizon that the solver and the repair come to, and what went wrong."""
+        target, origin = goal / self._scale, np.array(start) / self._scale
+        steering, speed = previous.tolist()
+        self._take_rows(np.array(start), previous)
+        best, reason = self._judge(start, target, None), ""
+        if self.horizon == 1 and not best.verified:
+            # The nearest single command is nearly always what the repair finds.
+            best = self._verify(best, target)
+        if self.constraints and not self._rows.is_usable():
+            return best, "the rows of a constraint are not usable"
+        # Far away targets shrink to a distance that the solver's tolerances are made for.
+        scale = min(float(np.abs(target - origin).max()), _LARGEST_SCALE) or 1.0
+        q = self._diagonal * ((origin - target) / scale)
+        changed = soft = False
+        for program in range(_MAX_PROGRAMS):
+            # The same rows once more only help with a finer tolerance.
+            if best.verified or (program > 1 and not changed):
+                return best, reason
+            if time.perf_counter() > begin + 0.5 * self.deadline:
+                return best, "; ".join(filter(None, (reason, "stopped at the deadline")))
+            answer = self._solve(q, origin, scale, soft=soft, fine=program > 0)
+            if answer.z is None and self.constraints and not soft:
+                # Not all rows can be kept: those of the caller's own get a slack with a price.
+                soft = changed = True
+                continue
+            reason = answer.reason
+            if answer.z is None:
+                self._take_rows(np.array(best.commands), previous)
+                return self._verify(best, target), reason
+            moved = ((origin + scale * answer.z) * self._scale).tolist()
+            candidate = repair(self.limits, moved, steering, speed, self.weights).commands
+            changed = not self._is_linear and self._take_rows(np.array(candidate), previous)
+            found = self._judge(candidate, target, None if answer.y is None else scale * answer.y)
+            gain = (best.broken - found.broken, best.distance - found.distance)
+            if found.verified or gain > (0.0, 0.0):
+                best = found
+            if soft and not found.verified:
+                reason = reason or "the constraints cannot be kept together with the limits"
+                changed = changed and max(gain) > self.tolerance
+        return best, reason
 
-    def _distance(self, first: list[float], second: list[float]) -> float:
-        """Return the largest difference of two flat horizons in units of a step."""
-        turn, change = self._units
-        return max(
-            max(abs(a - b) for a, b in zip(first[::2], second[::2], strict=True)) / turn,
-            max(abs(a - b) for a, b in zip(first[1::2], second[1::2], strict=True)) / change,
+    def _solve(self, q: Array, origin: Array, scale: float, *, soft: bool, fine: bool) -> Answer:
+        """Solve for the displacement from `origin` in units of `scale`.
+
+        Args:
+            q: Linear term, shape (2 H,).
+            origin: Scaled horizon, shape (2 H,).
+            scale: Unit of the displacement [steps].
+            soft: Whether the caller's own rows may be broken at a price.
+            fine: Whether the usual tolerance was not enough.
+        """
+        rows = self._rows
+        at_origin = rows.times(origin)
+        lower, upper = (rows.lower - at_origin) / scale, (rows.upper - at_origin) / scale
+        if not soft:
+            entries = rows.value if self._is_stale else None
+            self._is_stale = False
+            return self._solver.solve(q, lower, upper, entries, fine=fine)
+        slacks = len(lower) - rows.spans[self._built_in].start
+        if self._soft is None:
+            self._soft = self._make_solver(slacks)
+        entries = np.concatenate([rows.value, np.ones(slacks)])
+        padded = np.concatenate([q, np.zeros(slacks)])
+        answer = self._soft.solve(padded, lower, upper, entries, fine=fine)
+        return answer if answer.z is None else answer._replace(z=answer.z[: len(q)])
+
+    def _make_solver(self, slacks: int = 0) -> QPSolver:
+        """Build a solver for the pattern of the rows; the last `slacks` rows get a slack each."""
+        rows = self._rows
+        count, size = len(rows.norm), 2 * self.horizon
+        matrix = sparse.csc_matrix(
+            (
+                np.concatenate([rows.value, np.ones(slacks)]),
+                np.concatenate([rows.row, np.arange(count - slacks, count)]),
+                np.concatenate([rows.starts, rows.starts[-1] + 1 + np.arange(slacks)]),
+            ),
+            shape=(count, size + slacks),
         )
+        weights = np.concatenate([self._diagonal, np.full(slacks, _SOFT * self._diagonal.max())])
+        return make_solver(self._choice, weights, matrix, 0.25 * self.deadline)
 
-    def _set_previous(self, steering: float, speed: float) -> None:
-        """Write the first rate rows; an inadmissible previous command keeps them feasible."""
-        bounds, row = self._bounds, 2 * self.horizon
-        side, step = bounds.max_steering, bounds.steering_step
-        turn, change = self._units
-        self._lower[row] = min(steering - step, side) / turn
-        self._upper[row] = max(steering + step, -side) / turn
-        self._lower[row + 1] = min(speed - bounds.fall, bounds.max_speed) / change
-        self._upper[row + 1] = max(speed + bounds.rise, bounds.min_speed) / change
+    def _take_rows(self, actions: Array, previous: Array) -> bool:
+        """Evaluate all constraints at a horizon; tell whether the matrix changed."""
+        changed, laid_out = self._rows.evaluate(actions.reshape(-1, 2), previous)
+        if laid_out:
+            self._solver, self._soft = self._make_solver(), None
+        self._is_stale = (self._is_stale or changed) and not laid_out
+        return changed
+
+    def _judge(self, commands: list[float], target: Array, y: Array | None) -> _Found:
+        """Judge a repaired horizon at which the rows were just evaluated.
+
+        Without multipliers it counts as the nearest only if it is at the target.
+        """
+        z = np.array(commands) / self._scale
+        difference = z - target
+        distance = 0.5 * float((self._diagonal * difference) @ difference)
+        gap = distance if y is None else self._rows.duality_gap(z, target, self._diagonal, y)
+        broken = self._broken(z)
+        close = gap <= self.tolerance * distance + self.tolerance**2
+        return _Found(commands, close and broken == 0.0, broken, distance)
+
+    def _broken(self, z: Array) -> float:
+        """Return by how much more than the tolerance the caller's own rows are broken [steps]."""
+        if not self.constraints:
+            return 0.0
+        first = self._rows.spans[self._built_in].start
+        excess = self._rows.excess(z)[first:]
+        return float(np.maximum(excess - self.tolerance, 0.0).max(initial=0.0))
+
+    def _verify(self, found: _Found, target: Array) -> _Found:
+        """Judge a horizon at which the rows were just evaluated by multipliers of active rows."""
+        if 2 * self.horizon > _MAX_VERIFIED:
+            return found
+        rows, z = self._rows, np.array(found.commands) / self._scale
+        value, root = rows.times(z), np.sqrt(self._diagonal)
+        above = np.flatnonzero(rows.upper - value < self.tolerance**2 + 1e-12 * np.abs(value))
+        below = np.flatnonzero(value - rows.lower < self.tolerance**2 + 1e-12 * np.abs(value))
+        matrix = np.zeros((len(rows.norm), len(z)))
+        matrix[rows.row, rows.column] = rows.value
+        active = np.vstack([matrix[above], -matrix[below]])
+        y = np.zeros(len(value))
+        if len(active):
+            # At an optimum the multipliers of the active rows cancel the pull to the target.
+            multipliers, _ = nnls(active.T / root[:, None], root * (target - z))
+            np.add.at(y, above, multipliers[: len(above)])
+            np.subtract.at(y, below, multipliers[len(above) :])
+        return self._judge(found.commands, target, y)
+
+    def _violations(self, actions: Array, previous: Array) -> tuple[float, ...]:
+        """Return the largest excess of each of the caller's constraints in units of its rows."""
+        if not self.constraints:
+            return ()
+        self._take_rows(actions, previous)
+        excess = self._rows.excess(actions.ravel() / self._scale) * self._rows.norm
+        spans = self._rows.spans[self._built_in :]
+        return tuple(float(excess[span].max(initial=0.0)) for span in spans)
 
 
-def _checked_arguments(
-    horizon: Any, weights: Any, tolerance: Any, deadline: Any
-) -> tuple[int, tuple[float, float]]:
-    """Refuse arguments of a projector that make no sense.
+def _build(
+    limits: ActuatorLimits, horizon: int, solver: str | SolverFactory, options: dict[str, Any]
+) -> HorizonProjector:
+    """Build a projector from what `__reduce__` tells."""
+    return HorizonProjector(limits, horizon, solver, **options)
 
-    Returns:
-        The horizon and the weights as plain numbers.
+
+def _checked_weights(limits: ActuatorLimits, weights: ArrayLike | None) -> tuple[float, float]:
+    """Return weights as plain numbers, those of steps by default.
 
     Raises:
-        InvalidProblem: Naming the argument and its value.
+        InvalidProblem: They are not two positive numbers.
     """
-    if isinstance(horizon, bool) or not isinstance(horizon, (int, np.integer)) or horizon < 1:
-        raise InvalidProblem(f"`horizon` must be a positive integer. Got {reprlib.repr(horizon)}.")
+    if weights is None:
+        return limits.step_weights
     pair = as_array("weights", weights)
     if pair.shape != (2,) or not ((pair >= 1e-9) & (pair <= 1e9)).all():
         raise InvalidProblem(
             f"`weights` must be two numbers in [1e-9, 1e9]. Got {reprlib.repr(weights)}."
         )
-    check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
-    return int(horizon), (float(pair[0]), float(pair[1]))
+    return float(pair[0]), float(pair[1])

@@ -16,65 +16,16 @@ import math
 from typing import NamedTuple
 
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.rounding import BAND, difference_exceeds, lateral_exceeds, sum_above, sum_below
+from shield.limits.rounding import BAND, difference_exceeds, sum_above, sum_below
 
-__all__ = [
-    "INWARD",
-    "Bounds",
-    "Repaired",
-    "is_admissible",
-    "lateral_boundary",
-    "repair",
-    "worst_excess",
-]
+__all__ = ["Repaired", "is_admissible", "lateral_boundary", "repair", "worst_excess"]
+
+Command = tuple[float, float]
 
 # Points computed on the lateral boundary aim at this share of the bound: far enough inside that
 # their rounding errors cannot matter, near enough to cost nothing.
-INWARD = 1.0 - 16.0 * BAND
+_INWARD = 1.0 - 16.0 * BAND
 _NEWTON_STEPS = 4
-
-
-class Bounds(NamedTuple):
-    """The numbers of `ActuatorLimits` that the inner loops need, computed once.
-
-    Attributes:
-        max_steering: [rad].
-        min_speed: [m/s].
-        max_speed: [m/s].
-        steering_step: Largest change of the steering in one period [rad].
-        rise: Largest rise of the speed in one period [m/s].
-        fall: Largest fall of the speed in one period [m/s].
-        lateral: Lateral acceleration bound [m/s²]; None when off.
-        wheelbase: [m].
-        surely: v²·|tan δ| up to which the lateral bound holds whatever the rounding [m²/s²].
-    """
-
-    max_steering: float
-    min_speed: float
-    max_speed: float
-    steering_step: float
-    rise: float
-    fall: float
-    lateral: float | None
-    wheelbase: float
-    surely: float
-
-    @classmethod
-    def of(cls, limits: ActuatorLimits) -> "Bounds":
-        """Collect the numbers of `limits`."""
-        lateral = limits.max_lateral_acceleration
-        surely = math.inf if lateral is None else lateral * limits.wheelbase * (1.0 - BAND)
-        return cls(
-            limits.max_steering,
-            limits.min_speed,
-            limits.max_speed,
-            limits.steering_step,
-            limits.acceleration_step,
-            limits.deceleration_step,
-            lateral,
-            limits.wheelbase,
-            surely,
-        )
 
 
 class Repaired(NamedTuple):
@@ -84,38 +35,39 @@ class Repaired(NamedTuple):
         commands: Flat commands (δ0, v0, δ1, v1, ...), length 2 H.
         complete: False when some step could not keep every bound because its predecessor, and so
             `previous`, was inadmissible; that step is then the full-rate approach.
-        bent: True when some step had to move for the lateral bound.
+        lateral_active: True when some step had to move for the lateral bound.
     """
 
     commands: list[float]
     complete: bool
-    bent: bool
+    lateral_active: bool
 
 
 def repair(
-    bounds: Bounds,
+    limits: ActuatorLimits,
     targets: list[float],
     steering: float,
     speed: float,
-    weights: tuple[float, float] = (1.0, 1.0),
+    weights: tuple[float, float] | None = None,
 ) -> Repaired:
     """Move a horizon step by step into the exact bounds.
 
     Args:
-        bounds: Limits.
+        limits: Limits of the vehicle.
         targets: Flat finite targets (δ0, v0, δ1, v1, ...), length 2 H.
         steering: Steering executed before the first step [rad], finite.
         speed: Speed executed before the first step [m/s], finite.
         weights: Weights of steering and speed in the distance that the lateral step minimises.
+            Default: distances in steps of the actuators.
 
     Returns:
         The repaired horizon. Targets that are admissible come back bit by bit.
     """
-    low, high, step = bounds.min_speed, bounds.max_speed, bounds.steering_step
-    rise, fall, surely, side = bounds.rise, bounds.fall, bounds.surely, bounds.max_steering
-    lateral = bounds.lateral
+    low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
+    increase, decrease = limits.acceleration_step, limits.deceleration_step
+    certain, side = limits.certain_bound, limits.max_steering
     commands: list[float] = []
-    complete, bent = True, False
+    complete, lateral_active = True, False
     inside = -side <= steering <= side and low <= speed <= high
     pairs = iter(targets)
     for delta, v in zip(pairs, pairs, strict=True):
@@ -127,115 +79,88 @@ def repair(
             elif delta - steering <= -step:
                 delta = max(delta, sum_above(steering, -step))
             v = low if v < low else high if v > high else v
-            if v - speed >= rise:
-                v = min(v, sum_below(speed, rise))
-            elif v - speed <= -fall:
-                v = max(v, sum_above(speed, -fall))
+            if v - speed >= increase:
+                v = min(v, sum_below(speed, increase))
+            elif v - speed <= -decrease:
+                v = max(v, sum_above(speed, -decrease))
         else:
-            delta, v, complete = _from_outside(bounds, delta, v, steering, speed)
+            delta, v, complete = _into_window(limits, (delta, v), (steering, speed))
             inside = True
-        if lateral is not None and v * v * abs(math.tan(delta)) > surely:
-            moved = _into_lateral(bounds, delta, v, steering, speed, weights)
-            if moved is not None:
-                (delta, v), fits = moved
-                complete, bent = complete and fits, True
+        if v * v * abs(math.tan(delta)) > certain:
+            (delta, v), fits = _into_lateral(limits, (delta, v), (steering, speed), weights)
+            complete, lateral_active = complete and fits, True
         commands += (delta, v)
         steering, speed = delta, v
-    return Repaired(commands, complete, bent)
+    return Repaired(commands, complete, lateral_active)
 
 
-def _from_outside(
-    bounds: Bounds, delta: float, v: float, steering: float, speed: float
+def _into_window(
+    limits: ActuatorLimits, target: Command, last: Command
 ) -> tuple[float, float, bool]:
-    """Return the nearest (δ, v) to be reached from outside the box, and whether rates hold."""
-    side, step = bounds.max_steering, bounds.steering_step
-    delta, fits = _into_window(delta, steering, -side, side, step, step)
-    v, fits_too = _into_window(
-        v, speed, bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall
+    """Return the point of box and rate window nearest to a target, and whether there is any."""
+    side, step = limits.max_steering, limits.steering_step
+    delta, fits = _into_interval(target[0], last[0], (-side, side), (step, step))
+    v, fits_too = _into_interval(
+        target[1],
+        last[1],
+        (limits.min_speed, limits.max_speed),
+        (limits.acceleration_step, limits.deceleration_step),
     )
     return delta, v, fits and fits_too
 
 
-def _into_window(
-    value: float, last: float, low: float, high: float, rise: float, fall: float
-) -> tuple[float, bool]:
+def _into_interval(value: float, last: float, box: Command, steps: Command) -> tuple[float, bool]:
     """Return the nearest value of box ∩ rate window, and whether that set is not empty."""
+    (low, high), (increase, decrease) = box, steps
     value = low if value < low else high if value > high else value
     difference = value - last
-    if -fall < difference < rise:
+    if -decrease < difference < increase:
         return value, True
-    if difference >= rise:
-        value = min(value, max(low, sum_below(last, rise)))
-        return value, not difference_exceeds(value, last, rise)
-    value = max(value, min(high, sum_above(last, -fall)))
-    return value, not difference_exceeds(last, value, fall)
+    if difference >= increase:
+        value = min(value, max(low, sum_below(last, increase)))
+        return value, not difference_exceeds(value, last, increase)
+    value = max(value, min(high, sum_above(last, -decrease)))
+    return value, not difference_exceeds(last, value, decrease)
 
 
 def _into_lateral(
-    bounds: Bounds,
-    delta: float,
-    v: float,
-    steering: float,
-    speed: float,
-    weights: tuple[float, float],
-) -> tuple[tuple[float, float], bool] | None:
-    """Move (δ, v) of the window into the lateral bound, inside the window.
+    limits: ActuatorLimits, target: Command, last: Command, weights: tuple[float, float] | None
+) -> tuple[Command, bool]:
+    """Move a point of the window that breaks the lateral bound into it, inside the window.
 
     Returns:
-        The point and whether it keeps the bound; None when (δ, v) itself keeps it.
+        The point and whether it keeps the bound.
     """
-    lateral, wheelbase = bounds.lateral, bounds.wheelbase
-    if lateral is None or not lateral_exceeds(delta, v, lateral, wheelbase):
-        return None
-    corner_delta, _ = _into_window(
-        0.0,
-        steering,
-        -bounds.max_steering,
-        bounds.max_steering,
-        bounds.steering_step,
-        bounds.steering_step,
-    )
-    corner_v, _ = _into_window(
-        0.0, speed, bounds.min_speed, bounds.max_speed, bounds.rise, bounds.fall
-    )
-    if lateral_exceeds(corner_delta, corner_v, lateral, wheelbase):
-        return (corner_delta, corner_v), False
-    near_delta, near_v = lateral_boundary(bounds, delta, v, weights)
-    if (
-        _is_between(near_delta, corner_delta, delta)
-        and _is_between(near_v, corner_v, v)
-        and near_v * near_v * abs(math.tan(near_delta)) <= bounds.surely
-    ):
-        return (near_delta, near_v), True
-    near = (_between(near_delta, corner_delta, delta), _between(near_v, corner_v, v))
-    best, least = (corner_delta, corner_v), math.inf
-    for candidate in _candidates(bounds, near, (delta, v), (corner_delta, corner_v)):
-        turn, change = candidate[0] - delta, candidate[1] - v
-        distance = weights[0] * turn * turn + weights[1] * change * change
-        if distance < least and not lateral_exceeds(*candidate, lateral, wheelbase):
-            best, least = candidate, distance
+    certain = limits.certain_bound
+    corner_delta, corner_v, _ = _into_window(limits, (0.0, 0.0), last)
+    corner = (corner_delta, corner_v)
+    if _curve(corner) > certain:
+        return corner, False
+    weights = limits.step_weights if weights is None else weights
+    near = lateral_boundary(limits, *target, weights)
+    clipped = (_between(near[0], corner[0], target[0]), _between(near[1], corner[1], target[1]))
+    if clipped == near and _curve(near) <= certain:
+        return near, True
+    best, least = corner, math.inf
+    # From each of three starts one goes down in speed and one in steering. Moving towards the
+    # corner in one coordinate stays in the window, which is a rectangle.
+    for delta, v in (clipped, target, (target[0], corner[1])):
+        slowed = math.copysign(_boundary_speed(limits, delta), target[1])
+        eased = math.copysign(_boundary_steering(limits, v), target[0])
+        for point in (
+            (delta, _between(slowed, corner[1], v)),
+            (_between(eased, corner[0], delta), v),
+        ):
+            turn, change = point[0] - target[0], point[1] - target[1]
+            distance = weights[0] * turn * turn + weights[1] * change * change
+            if distance < least and _curve(point) <= certain:
+                best, least = point, distance
     return best, True
 
 
-def _candidates(
-    bounds: Bounds,
-    near: tuple[float, float],
-    target: tuple[float, float],
-    corner: tuple[float, float],
-) -> list[tuple[float, float]]:
-    """Return points on the lateral boundary between a target and the corner of its window.
-
-    From each of three starts, the nearest boundary point clipped to the window, the target, and the
-    target's steering at the corner's speed, one goes down in speed and one in steering. Moving
-    towards the corner in one coordinate stays in the window, which is a rectangle.
-    """
-    points = []
-    for delta, v in (near, target, (target[0], corner[1])):
-        slowed = math.copysign(boundary_speed(bounds, delta), target[1])
-        eased = math.copysign(_boundary_steering(bounds, v), target[0])
-        points.append((delta, _between(slowed, corner[1], v)))
-        points.append((_between(eased, corner[0], delta), v))
-    return points
+def _curve(command: Command) -> float:
+    """Return v² |tan δ| [m²/s²]."""
+    return command[1] * command[1] * abs(math.tan(command[0]))
 
 
 def _between(value: float, end: float, other_end: float) -> float:
@@ -243,41 +168,32 @@ def _between(value: float, end: float, other_end: float) -> float:
     return min(max(value, min(end, other_end)), max(end, other_end))
 
 
-def _is_between(value: float, end: float, other_end: float) -> bool:
-    """Tell whether `value` lies in the interval between two ends given in either order."""
-    return end <= value <= other_end or other_end <= value <= end
-
-
-def boundary_speed(bounds: Bounds, delta: float) -> float:
+def _boundary_speed(limits: ActuatorLimits, delta: float) -> float:
     """Return the largest |v| [m/s] at a steering [rad], rounded inwards; infinite at 0."""
     tangent = abs(math.tan(delta))
-    if tangent == 0.0 or bounds.lateral is None:
-        return math.inf
-    return math.sqrt(bounds.lateral * bounds.wheelbase / tangent) * INWARD
+    return math.sqrt(limits.certain_bound / tangent) * _INWARD if tangent else math.inf
 
 
-def _boundary_steering(bounds: Bounds, v: float) -> float:
+def _boundary_steering(limits: ActuatorLimits, v: float) -> float:
     """Return the largest |δ| at this speed, rounded inwards; π/2 at standstill."""
     square = v * v
-    if square == 0.0 or bounds.lateral is None:
-        return math.pi / 2.0
-    return math.atan(bounds.lateral * bounds.wheelbase / square) * INWARD
+    return math.atan(limits.certain_bound / square) * _INWARD if square else math.pi / 2.0
 
 
 def lateral_boundary(
-    bounds: Bounds, delta: float, v: float, weights: tuple[float, float]
-) -> tuple[float, float]:
+    limits: ActuatorLimits, delta: float, v: float, weights: tuple[float, float]
+) -> Command:
     """Return a point of the lateral boundary close to (δ, v), by Newton steps along the gradient.
 
     Args:
-        bounds: Limits with a lateral bound.
+        limits: Limits of the vehicle.
         delta: Steering [rad], not zero.
         v: Speed [m/s], not zero.
         weights: Weights of the squared distance in steering and speed.
     """
-    if bounds.lateral is None:
+    if limits.max_lateral_acceleration is None:
         return delta, v
-    bound = bounds.lateral * bounds.wheelbase * INWARD
+    bound = limits.certain_bound * _INWARD
     for _ in range(_NEWTON_STEPS):
         tangent = math.tan(abs(delta))
         excess = v * v * tangent - bound
@@ -294,14 +210,16 @@ def lateral_boundary(
     return delta, v
 
 
-def is_admissible(bounds: Bounds, commands: list[float], steering: float, speed: float) -> bool:
+def is_admissible(
+    limits: ActuatorLimits, commands: list[float], steering: float, speed: float
+) -> bool:
     """Tell whether a flat horizon keeps G1, G2 and G3 exactly, step by step from `previous`.
 
     NaN and infinities are not admissible.
     """
-    low, high, step = bounds.min_speed, bounds.max_speed, bounds.steering_step
-    rise, fall, surely, side = bounds.rise, bounds.fall, bounds.surely, bounds.max_steering
-    lateral = bounds.lateral
+    low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
+    increase, decrease = limits.acceleration_step, limits.deceleration_step
+    certain, side = limits.certain_bound, limits.max_steering
     pairs = iter(commands)
     for delta, v in zip(pairs, pairs, strict=True):
         if not (-side <= delta <= side and low <= v <= high):
@@ -311,42 +229,42 @@ def is_admissible(bounds: Bounds, commands: list[float], steering: float, speed:
             return False
         if steering - delta >= step and difference_exceeds(steering, delta, step):
             return False
-        if v - speed >= rise and difference_exceeds(v, speed, rise):
+        if v - speed >= increase and difference_exceeds(v, speed, increase):
             return False
-        if speed - v >= fall and difference_exceeds(speed, v, fall):
+        if speed - v >= decrease and difference_exceeds(speed, v, decrease):
             return False
-        if lateral is not None and v * v * abs(math.tan(delta)) > surely:
-            if lateral_exceeds(delta, v, lateral, bounds.wheelbase):
-                return False
+        if v * v * abs(math.tan(delta)) > certain:
+            return False
         steering, speed = delta, v
     return True
 
 
-def worst_excess(bounds: Bounds, commands: list[float], steering: float, speed: float) -> float:
+def worst_excess(
+    limits: ActuatorLimits, commands: list[float], steering: float, speed: float
+) -> float:
     """Return the largest violation as a fraction of the bound it breaks; 0 when all hold exactly.
 
     Args:
-        bounds: Limits.
+        limits: Limits of the vehicle.
         commands: Flat horizon, length 2 H.
         steering: Steering before the first step [rad].
         speed: Speed before the first step [m/s].
     """
-    if is_admissible(bounds, commands, steering, speed):
+    if is_admissible(limits, commands, steering, speed):
         return 0.0
-    span = bounds.max_speed - bounds.min_speed or 1.0
+    span = limits.max_speed - limits.min_speed or 1.0
     worst = math.ulp(0.0)
     pairs = iter(commands)
     for delta, v in zip(pairs, pairs, strict=True):
-        lateral = v * v * abs(math.tan(delta)) / bounds.wheelbase
         worst = max(
             worst,
-            abs(delta) / bounds.max_steering - 1.0,
-            (v - bounds.max_speed) / span,
-            (bounds.min_speed - v) / span,
-            abs(delta - steering) / bounds.steering_step - 1.0,
-            (v - speed) / bounds.rise - 1.0,
-            (speed - v) / bounds.fall - 1.0,
-            0.0 if bounds.lateral is None else lateral / bounds.lateral - 1.0,
+            abs(delta) / limits.max_steering - 1.0,
+            (v - limits.max_speed) / span,
+            (limits.min_speed - v) / span,
+            abs(delta - steering) / limits.steering_step - 1.0,
+            (v - speed) / limits.acceleration_step - 1.0,
+            (speed - v) / limits.deceleration_step - 1.0,
+            _curve((delta, v)) / limits.certain_bound - 1.0,
         )
         steering, speed = delta, v
     return worst

@@ -126,7 +126,7 @@ def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
-    low, high = -loop.limits.fall - 1e-9, loop.limits.rise + 1e-9
+    low, high = -loop.limits.max_decrease - 1e-9, loop.limits.max_increase + 1e-9
     moves = []
     for turn in [1.0] * 10 + [-1.0] * 10:
         info = loop.step(np.array([turn, 0.0]))[-1]

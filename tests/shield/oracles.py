@@ -63,6 +63,13 @@ def exceeds_lateral(limits: ActuatorLimits, steering: float, speed: float) -> bo
         return bool(abs(lateral) > mpmath.mpf(limits.max_lateral_acceleration))
 
 
+def objective(limits: ActuatorLimits, actions: Array, nominal: Array) -> float:
+    """Return half the squared distance of two horizons, in steps of the actuators."""
+    rates = limits.max_steering_rate, max(limits.max_acceleration, limits.max_deceleration)
+    difference = (actions - nominal) / (np.array(rates) * limits.dt)
+    return 0.5 * float(np.sum(difference**2))
+
+
 def best_objective(limits: ActuatorLimits, nominal: Array, previous: Array) -> float:
     """Return the least objective of G1 and G2 that independent solvers find."""
     if len(SOLVERS) < 3:
@@ -74,13 +81,13 @@ def best_objective(limits: ActuatorLimits, nominal: Array, previous: Array) -> f
             problem.P, problem.G = sparse.csc_matrix(problem.P), sparse.csc_matrix(problem.G)
         solution = qpsolvers.solve_problem(problem, solver=name)
         if solution.found and solution.primal_residual() < 1e-8:
-            objectives.append(0.5 * float(np.sum((solution.x - nominal.ravel()) ** 2)))
+            objectives.append(objective(limits, solution.x.reshape(-1, 2), nominal))
     assert len(objectives) >= 3, f"only {len(objectives)} solvers answered"
     return min(objectives)
 
 
 def quadratic_program(limits: ActuatorLimits, nominal: Array, previous: Array) -> qpsolvers.Problem:
-    """Return the projection onto G1 and G2, written down without `shield.limits.constraints`."""
+    """Return the projection onto G1 and G2, written without `shield.limits`; any weights do."""
     size = nominal.size
     rows, bounds = [], []
     for index in range(size):
@@ -118,7 +125,7 @@ def _nonlinear_solver(limits: ActuatorLimits, horizon: int) -> Any:
     program = {
         "x": z,
         "p": p,
-        "f": 0.5 * casadi.sumsqr(z - p[: 2 * horizon]),
+        "f": 0.5 * casadi.sumsqr((z - p[: 2 * horizon]) / np.tile(limits.step, horizon)),
         "g": casadi.vertcat(*rows),
     }
     options = {
@@ -144,7 +151,7 @@ def ipopt_objective(
         p=np.concatenate([nominal.ravel(), previous]),
         lbx=np.tile(limits.low, horizon),
         ubx=np.tile(limits.high, horizon),
-        lbg=np.concatenate([np.tile(-limits.fall, horizon), np.full(horizon, -bound)]),
-        ubg=np.concatenate([np.tile(limits.rise, horizon), np.full(horizon, bound)]),
+        lbg=np.concatenate([np.tile(-limits.max_decrease, horizon), np.full(horizon, -bound)]),
+        ubg=np.concatenate([np.tile(limits.max_increase, horizon), np.full(horizon, bound)]),
     )
     return float(result["f"]) if solver.stats()["success"] else None

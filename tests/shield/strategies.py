@@ -110,9 +110,11 @@ def horizons(draw: st.DrawFn, limits: ActuatorLimits, length: int, previous: Arr
     if kind == "anywhere":
         return low + width * shares
     if kind == "walk":
-        return previous + np.cumsum((shares - 0.5) * 3.0 * limits.rise, axis=0)
+        return previous + np.cumsum((shares - 0.5) * 3.0 * limits.max_increase, axis=0)
     whole = np.round(2.0 * shares - 1.0)
-    return previous + np.cumsum(np.where(whole > 0, limits.rise, limits.fall) * whole, axis=0)
+    return previous + np.cumsum(
+        np.where(whole > 0, limits.max_increase, limits.max_decrease) * whole, axis=0
+    )
 
 
 @st.composite

@@ -4,8 +4,8 @@
 OBJECTIVE, OBJECTIVE_FLOOR = 1e-6, 1e-9
 # Two exact algorithms in float64.
 ROUNDING = 1e-9
-# A batch against a loop where the lateral bound binds: objectives, relative.
-BATCH_OBJECTIVE = 1e-6
+# Where the lateral bound binds, relative distance to the best objective of IPOPT.
+LATERAL_OBJECTIVE = 5e-3
 # CasADi against numpy, relative.
 MODEL = 1e-12
 # Finite differences, relative.

@@ -213,7 +213,7 @@ def test_a_plan_is_followed_within_one_rate_step_of_its_sign() -> None:
         PlannerConfig(deadline=1e-9), LIMITS, generator=torch.Generator().manual_seed(0)
     )
     late._fallback, late._last_first = made._fallback, made._last_first
-    rise, fall = LIMITS.rise[1], LIMITS.fall[1]
+    rise, fall = LIMITS.max_increase[1], LIMITS.max_decrease[1]
     assert rise < fall
     for change, followed in ((0.9 * rise, True), (0.9 * fall, False), (-0.9 * fall, True)):
         previous = plan.actions[0] + [0.0, change]
@@ -355,15 +355,18 @@ def test_without_a_deadline_a_busy_machine_changes_nothing(monkeypatch: pytest.M
     plans = []
     for pause in (0.0, 0.03):
         made = planner(deadline=None, sampling_steps=2)
-        solver = made._projector._successive
-        assert solver is not None
+        solver = made._projector._solver
         original = type(solver).solve
 
         def slow(
-            self: object, *arguments: object, pause: float = pause, solve: Any = original
+            self: object,
+            *arguments: object,
+            pause: float = pause,
+            solve: Any = original,
+            **options: object,
         ) -> Any:
             time.sleep(pause)
-            return solve(self, *arguments)
+            return solve(self, *arguments, **options)
 
         with monkeypatch.context() as patch:
             patch.setattr(type(solver), "solve", slow)

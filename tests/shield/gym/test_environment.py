@@ -1,5 +1,8 @@
 """The shield around other people's environments."""
 
+import copy
+import json
+from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
@@ -8,7 +11,10 @@ import pytest
 
 gymnasium = pytest.importorskip("gymnasium")
 
-from shield import ActuatorLimits, InvalidLimits, InvalidProblem, Status
+from gymnasium.envs.registration import EnvSpec
+from gymnasium.utils.env_checker import check_env
+
+from shield import ActuatorLimits, InvalidLimits, InvalidProblem, SafetyFilter, Status
 from shield.gym import ShieldedEnv, ShieldedVectorEnv
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
@@ -147,7 +153,7 @@ def test_a_normalised_vehicle_executes_admissible_commands(
     limits: ActuatorLimits, dtype: Any
 ) -> None:
     """G1-G3 hold on `to_command` of the rounded action, which is what the car executes."""
-    env = ShieldedEnv(Recorder(unit_box(dtype)), limits)
+    env = ShieldedEnv(Recorder(unit_box(dtype)), limits, normalised=True)
     rng = np.random.default_rng(0)
     env.reset()
     rest = np.clip(np.zeros(2), limits.low, limits.high)
@@ -192,7 +198,7 @@ def test_a_physical_vehicle_space_is_cut_to_both_boxes() -> None:
 
 def test_an_inadmissible_rest_is_left_at_full_rate_and_reported() -> None:
     """The certificates say so until the command is admissible."""
-    shield = VehicleFilter(CITY, [-1.0, -1.0], [1.0, 1.0], rest=[0.5, 12.0])
+    shield = VehicleFilter(CITY, [-1.0, -1.0], [1.0, 1.0], normalised=True, rest=[0.5, 12.0])
     statuses = [shield.filter(np.array([1.0, 1.0], np.float32)).status for _ in range(12)]
     assert statuses[0] is Status.FALLBACK
     assert statuses[-1] is Status.PROJECTED
@@ -304,6 +310,12 @@ def test_the_wrapper_can_be_rebuilt_from_its_spec() -> None:
         (unit_box(), {"low": [0.0, 0.0, 0.0]}, InvalidLimits, "`low`"),
         (unit_box(), {"dt": "fast"}, InvalidLimits, "`dt`"),
         (gymnasium.spaces.Box(20, 30, (2,)), {"limits": CITY}, InvalidLimits, "no command"),
+        (unit_box(), {"limits": CITY, "rate": 0.1}, InvalidProblem, "`rate` has no effect"),
+        (unit_box(), {"limits": CITY, "dt": 0.1}, InvalidProblem, "`dt` has no effect"),
+        (unit_box(), {"limits": CITY, "low": -0.1}, InvalidProblem, "`low` has no effect"),
+        (unit_box(), {"limits": CITY, "high": 0.1}, InvalidProblem, "`high` has no effect"),
+        (unit_box(), {"rate": 0.1, "normalised": True}, InvalidProblem, "`normalised` needs"),
+        (unit_box(), {"limits": replace(CITY, dt=1e-7)}, InvalidLimits, "too coarse"),
     ],
 )
 def test_impossible_wrappings_raise(
@@ -314,6 +326,93 @@ def test_impossible_wrappings_raise(
         ShieldedEnv(Recorder(space), **arguments)
 
 
+def test_a_unit_box_in_physical_units_is_kept_within_the_physical_bounds() -> None:
+    """[-1, 1] rad and m/s: with `normalised=False` no more than 0.5 rad is ever executed."""
+    env = ShieldedEnv(Recorder(unit_box()), CITY, normalised=False)
+    env.reset()
+    last = np.zeros(2)
+    for _ in range(30):
+        env.step(np.array([1.0, 1.0], np.float32))
+        command = env.unwrapped.actions[-1].astype(np.float64)
+        assert broken_bounds(CITY, [command], last) == []
+        last = command
+    assert last == pytest.approx([0.5, 1.0], abs=1e-6)
+    with pytest.warns(UserWarning, match="normalised=False"):
+        ShieldedEnv(Recorder(unit_box()), CITY)
+
+
+@pytest.mark.parametrize("arguments", [{"rate": 0.5}, {"limits": CITY, "normalised": True}])
+def test_gymnasium_finds_nothing_wrong(arguments: dict[str, Any]) -> None:
+    """`check_env` compares the infos of two equal episodes, certificates included."""
+    env = ShieldedEnv(Recorder(unit_box()), **arguments)
+    check_env(env, skip_render_check=True)
+
+
+def test_certificates_compare_by_what_they_say() -> None:
+    """Equal where the actions are; the time of the call is no part of that; NaN is itself."""
+    wishes = [[0.4, 9.0], [np.nan, 1.0]]
+    first, second = ([SafetyFilter(CITY).filter(wish) for wish in wishes] for _ in range(2))
+    assert first == second
+    assert hash(first[1]) == hash(second[1])
+    assert first[0] != first[1]
+    assert first[0] != SafetyFilter(CITY).filter([0.4, 8.0])
+    assert first[0] != "certificate"
+
+
+@pytest.mark.parametrize("arguments", [{"rate": 0.1}, {"limits": CITY, "normalised": True}])
+def test_a_deep_copy_goes_on_by_itself(arguments: dict[str, Any]) -> None:
+    """From the same last executed action, and without a trace in the original."""
+    env, other = (ShieldedEnv(Recorder(unit_box()), **arguments) for _ in range(2))
+    for one in (env, other):
+        one.reset(seed=0)
+        one.step(np.array([0.05, 0.05], np.float32))
+    ahead = copy.deepcopy(env)
+    wish = np.ones(2, np.float32)
+    expected = ahead.step(wish)[-1]["certificate"]
+    for _ in range(3):
+        ahead.step(wish)
+    assert env.step(wish)[-1]["certificate"] == expected
+    assert other.step(wish)[-1]["certificate"] == expected
+
+
+def test_a_space_without_dimensions_is_shielded() -> None:
+    """`Box(-1, 1, ())` is a box of floating point numbers."""
+    env = ShieldedEnv(Recorder(gymnasium.spaces.Box(-1.0, 1.0, ())), rate=0.3)
+    env.reset()
+    for expected in (0.3, 0.6):
+        certificate = env.step(1.0)[-1]["certificate"]
+        assert certificate.safe_action.shape == ()
+        assert env.action_space.contains(env.unwrapped.actions[-1])
+        assert float(certificate.safe_action) == pytest.approx(expected, abs=1e-6)
+    assert env.step(np.nan)[-1]["certificate"].status is Status.FALLBACK
+
+
+@pytest.mark.parametrize(
+    "arguments", [{"rate": [7.3], "low": np.array([-1.0]), "dt": DT}, {"rest": [0.5]}]
+)
+def test_a_specification_survives_json(arguments: dict[str, Any]) -> None:
+    """Arrays are lists in it, limits the mapping of their fields."""
+    env = ShieldedEnv(gymnasium.make("Pendulum-v1"), **arguments)
+    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
+    env.reset(seed=0)
+    again.reset(seed=0)
+    wish = np.array([-2.0], np.float32)
+    for _ in range(5):
+        assert again.step(wish)[-1]["certificate"] == env.step(wish)[-1]["certificate"]
+
+
+def test_limits_survive_json() -> None:
+    """And the wrapper takes them as a mapping."""
+    limits = ActuatorLimits(max_speed=7.0, max_lateral_acceleration=None)
+    env = ShieldedEnv(Recorder(unit_box()), limits, normalised=True)
+    arguments = json.loads(json.dumps(env._saved_kwargs))
+    again = ShieldedEnv(Recorder(unit_box()), **arguments)
+    for one in (env, again):
+        one.reset(seed=0)
+    wish = np.array([0.3, 0.9], np.float32)
+    assert again.step(wish)[-1]["certificate"] == env.step(wish)[-1]["certificate"]
+
+
 def test_wrong_actions_raise() -> None:
     """Shapes and types are mistakes of the caller."""
     env = ShieldedEnv(Recorder(unit_box()), rate=1.0)
@@ -321,7 +420,7 @@ def test_wrong_actions_raise() -> None:
     for bad in (np.zeros(3), np.zeros((1, 2)), "left", [None, 0.0]):
         with pytest.raises(InvalidProblem, match="`action`"):
             env.step(bad)
-    car = ShieldedEnv(Recorder(unit_box()), CITY)
+    car = ShieldedEnv(Recorder(unit_box()), CITY, normalised=True)
     car.reset()
     with pytest.raises(InvalidProblem, match="`action`"):
         car.step(np.zeros(3))
@@ -334,7 +433,7 @@ def test_wrong_actions_raise() -> None:
     with pytest.raises(InvalidLimits, match="no float16"):
         BoxFilter([0.10001], [0.10002], dtype=np.float16)
     with pytest.raises(InvalidProblem, match="`dtype`"):
-        VehicleFilter(CITY, [-1.0, -1.0], [1.0, 1.0], dtype=np.int64)
+        VehicleFilter(CITY, [-1.0, -1.0], [1.0, 1.0], normalised=True, dtype=np.int64)
     with pytest.raises(InvalidProblem, match="normalised"):
         VehicleFilter(CITY, [-2.0, -1.0], [1.0, 1.0], normalised=True)
 
@@ -343,7 +442,7 @@ def test_the_city_is_shielded_like_any_other_environment() -> None:
     """`IRLDAL/City-v0` with the normalised actions of the project, where it is installed."""
     pytest.importorskip("pybullet")
     pytest.importorskip("irl_dal.envs")
-    env = ShieldedEnv(gymnasium.make("IRLDAL/City-v0"), CITY)
+    env = ShieldedEnv(gymnasium.make("IRLDAL/City-v0"), CITY, normalised=True)
     env.action_space.seed(0)
     env.reset(seed=0)
     last = CITY.to_command(CITY.to_action(np.zeros(2)).astype(np.float32))

@@ -53,7 +53,7 @@ def test_limits_cannot_be_changed_and_accept_integers() -> None:
     assert isinstance(limits.max_steering, float)
     with pytest.raises(FrozenInstanceError):
         limits.dt = 1.0  # type: ignore[misc]
-    for array in (limits.low, limits.high, limits.rise, limits.fall):
+    for array in (limits.low, limits.high, limits.max_increase, limits.max_decrease):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
 
@@ -108,7 +108,7 @@ def test_violated_agrees_with_exact_arithmetic(data: st.DataObject) -> None:
     command = data.draw(commands(limits) | admissible_commands(limits))
     if data.draw(st.booleans()):
         channel = data.draw(st.integers(0, 1))
-        step = data.draw(st.sampled_from([limits.rise, -limits.fall]))
+        step = data.draw(st.sampled_from([limits.max_increase, -limits.max_decrease]))
         command[channel] = previous[channel] + step[channel]
         nudge = data.draw(st.sampled_from([None, -np.inf, np.inf]))
         if nudge is not None:

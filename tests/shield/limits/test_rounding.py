@@ -3,22 +3,22 @@
 import math
 from fractions import Fraction
 
-import mpmath
 import numpy as np
-import pytest
 from hypothesis import strategies as st
 
+from shield import ActuatorLimits
 from shield.limits.rounding import (
     BAND,
     difference_exceeds,
     differences_exceed,
-    lateral_exceeds,
     sum_above,
     sum_below,
     sums_below,
 )
+from tests.shield.oracles import exceeds_lateral
 from tests.shield.tiers import two_tiers
 
+FAST = ActuatorLimits(max_speed=40.0)
 ORDINARY = st.floats(-1e6, 1e6) | st.sampled_from([0.0, 5e-324, -5e-324, 1e-310, 0.1, 1e16])
 
 
@@ -47,26 +47,17 @@ def test_difference_exceeds_decides_the_exact_question(
         assert differences_exceed(*arrays).tolist() == [exact]
 
 
-@pytest.mark.parametrize("ulps", range(-40, 41, 4))
-def test_lateral_exceeds_decides_inside_the_undecided_band(ulps: int) -> None:
-    """A speed some ulps from the boundary is judged as 50-digit arithmetic judges it."""
-    steering, acceleration, wheelbase = 0.3, 4.0, 2.7
-    speed = math.sqrt(acceleration * wheelbase / math.tan(steering)) * (1.0 + ulps * 2.0**-52)
-    with mpmath.workdps(50):
-        exact = mpmath.mpf(speed) ** 2 * mpmath.tan(mpmath.mpf(steering))
-        expected = bool(exact / mpmath.mpf(wheelbase) > acceleration)
-    assert lateral_exceeds(steering, speed, acceleration, wheelbase) == expected
-    assert lateral_exceeds(-steering, -speed, acceleration, wheelbase) == expected
-
-
-def test_the_band_is_needed() -> None:
-    """Without exact arithmetic the float64 comparison gets commands on the boundary wrong."""
+def test_what_is_called_admissible_keeps_the_lateral_bound_in_exact_arithmetic() -> None:
+    """Commands some ulps around the bound, where the plain float64 comparison gets some wrong."""
     rng = np.random.default_rng(0)
     wrong = 0
     for _ in range(2000):
-        steering = rng.uniform(0.01, 1.2)
-        speed = math.sqrt(10.8 / math.tan(steering)) * (1.0 + rng.integers(-2, 3) * 2.0**-53)
-        naive = speed * speed * math.tan(steering) / 2.7 > 4.0
-        wrong += naive != lateral_exceeds(steering, speed, 4.0, 2.7)
+        steering, ulps = rng.uniform(0.01, 0.5), int(rng.integers(-40, 41))
+        speed = math.sqrt(10.8 / math.tan(steering)) * (1.0 + ulps * 2.0**-53)
+        command, exact = [steering, speed], exceeds_lateral(FAST, steering, speed)
+        wrong += (speed * speed * math.tan(steering) / 2.7 > 4.0) != exact
+        assert not exact or FAST.violated(command, command)
+        if ulps < -2.0 * BAND * 2.0**53:
+            assert not FAST.violated(command, command)
     assert wrong > 0
     assert BAND < 1e-14

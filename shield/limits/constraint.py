@@ -1,0 +1,221 @@
+r"""Constraints on a horizon: objects that return rows, and the stack of them that a solver sees.
+
+A horizon of H commands is the vector :math:`z = (\delta_0, v_0, \delta_1, v_1, \dots)`. Every
+constraint turns itself into rows :math:`l \le A z \le u`, a nonlinear one into those of its
+linearisation at a horizon. A new constraint is a class with one method `rows`.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+
+from shield.errors import InvalidProblem
+
+__all__ = ["UNBOUNDED", "Constraint", "RowStack", "Rows"]
+
+Array = NDArray[np.float64]
+
+UNBOUNDED = 1e30  # [-] the infinity of OSQP: a bound that is none
+_LARGE = 1e20  # [-] bounds from here on are none, whatever they were divided by
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Linear rows ``lower <= matrix @ z <= upper``.
+
+    Attributes:
+        matrix: Shape (m, 2 H), an array or a `scipy.sparse.csr_matrix`.
+        lower: Shape (m,), -`UNBOUNDED` where there is no bound.
+        upper: Shape (m,), `UNBOUNDED` where there is no bound.
+    """
+
+    matrix: Array | sparse.csr_matrix
+    lower: Array
+    upper: Array
+
+
+class Constraint(Protocol):
+    """Anything that bounds a horizon."""
+
+    def rows(self, actions: Array, previous: Array) -> Rows:
+        """Return the rows at a horizon.
+
+        Args:
+            actions: Horizon at which to linearise [rad, m/s], shape (H, 2).
+            previous: Last executed command [rad, m/s], shape (2,).
+        """
+        ...
+
+
+class RowStack:
+    """The rows of several constraints, one under the other, for a solver with a fixed pattern.
+
+    Rows are scaled: the variables to steps of the actuators, each row to entries that sum up to
+    one. The arrays are overwritten by the next `evaluate`.
+
+    Args:
+        constraints: What to stack, at least one.
+        horizon: Number of steps H.
+        unit: What counts as a step of steering and speed [rad, m/s], shape (2,).
+
+    Attributes:
+        row: Row of each entry in the order of CSC, shape (n,).
+        column: Column of each entry, shape (n,).
+        starts: Index pointer of the CSC pattern, shape (2 H + 1,).
+        value: Scaled entries, shape (n,).
+        lower: Scaled lower bounds, shape (m,).
+        upper: Scaled upper bounds, shape (m,).
+        norm: Unscaled rows are `norm` times the scaled ones, shape (m,).
+        spans: Rows of each constraint.
+    """
+
+    def __init__(self, constraints: Sequence[Constraint], horizon: int, unit: Array) -> None:
+        if not constraints:
+            raise InvalidProblem("`constraints` must not be empty. Got [].")
+        self._constraints = tuple(constraints)
+        self._unit = np.tile(unit, horizon)
+        self._horizon = horizon
+        start = np.zeros((horizon, 2))
+        self._lay_out([one.rows(start, np.zeros(2)) for one in self._constraints])
+
+    def evaluate(self, actions: Array, previous: Array) -> tuple[bool, bool]:
+        """Take over the rows at a horizon.
+
+        Args:
+            actions: Shape (H, 2) [rad, m/s].
+            previous: Last executed command, shape (2,) [rad, m/s].
+
+        Returns:
+            Whether an entry of the matrix changed, and whether its pattern did.
+
+        Raises:
+            InvalidProblem: A constraint returned arrays of another shape.
+        """
+        changed = False
+        for index, constraint in enumerate(self._constraints):
+            part = constraint.rows(actions, previous)
+            if part.matrix is not self._seen[index]:
+                self._check(constraint, part)
+                if not self._has_pattern(index, part):
+                    self._lay_out([one.rows(actions, previous) for one in self._constraints])
+                    return True, True
+                self._seen[index] = part.matrix
+                self._raw[self._places[index]] = _entries(part.matrix)
+                changed = True
+            span = self.spans[index]
+            self._low[span], self._high[span] = part.lower, part.upper
+        if changed:
+            self._scale()
+        np.divide(self._low, self.norm, out=self.lower)
+        np.divide(self._high, self.norm, out=self.upper)
+        return changed, False
+
+    def times(self, z: Array) -> Array:
+        """Return A z, shape (m,)."""
+        product = np.bincount(self.row, self.value * z[self.column], len(self.norm))
+        return np.asarray(product, dtype=np.float64)
+
+    def transposed_times(self, y: Array) -> Array:
+        """Return Aᵀ y, shape (2 H,)."""
+        product = np.bincount(self.column, self.value * y[self.row], len(self._unit))
+        return np.asarray(product, dtype=np.float64)
+
+    def excess(self, z: Array) -> Array:
+        """Return by how much a scaled horizon breaks each scaled row, shape (m,), 0 if it holds."""
+        value = self.times(z)
+        return np.maximum(np.maximum(value - self.upper, self.lower - value), 0.0)
+
+    def is_usable(self) -> bool:
+        """Tell whether no entry is infinite or NaN, and no lower bound above its upper one."""
+        return bool(np.isfinite(self.value).all() and (self.lower <= self.upper).all())
+
+    def duality_gap(self, z: Array, goal: Array, weights: Array, y: Array) -> float:
+        r"""Return how far half the weighted squared distance from `z` to `goal` is from the least.
+
+        With the residual :math:`r = W(z - g) + A^\top y` the gap is :math:`\tfrac12 r^\top W^{-1} r
+        + y_+^\top (u - Az) + y_-^\top (Az - l)`. It bounds the error of the objective for any `y`,
+        whoever computed it, as long as `z` satisfies the rows.
+
+        Args:
+            z: Scaled horizon, shape (2 H,).
+            goal: What it should be near to, scaled, shape (2 H,).
+            weights: Diagonal of W, shape (2 H,).
+            y: Multipliers of the scaled rows, positive at upper bounds, shape (m,).
+        """
+        bound = np.where(y > 0.0, self.upper, self.lower)
+        bounded = np.abs(bound) < _LARGE
+        if not bounded.all():
+            y, bound = np.where(bounded, y, 0.0), np.where(bounded, bound, 0.0)
+        residual = weights * (z - goal) + self.transposed_times(y)
+        slack = np.abs(y) @ np.abs(bound - self.times(z))
+        return 0.5 * float(residual @ (residual / weights)) + float(slack)
+
+    def _check(self, constraint: Constraint, part: Rows) -> None:
+        """Refuse rows that do not fit together or not the horizon."""
+        shapes = part.matrix.shape, part.lower.shape, part.upper.shape
+        count = shapes[0][0]
+        if shapes != ((count, 2 * self._horizon), (count,), (count,)):
+            raise InvalidProblem(
+                f"`rows` of {type(constraint).__name__} must have the shapes "
+                f"(m, {2 * self._horizon}), (m,) and (m,). Got {shapes}."
+            )
+
+    def _has_pattern(self, index: int, part: Rows) -> bool:
+        """Tell whether a constraint's entries are where its last ones were."""
+        seen: Any = self._seen[index]
+        matrix: Any = part.matrix
+        if seen.shape != matrix.shape or sparse.issparse(seen) != sparse.issparse(matrix):
+            return False
+        if not sparse.issparse(matrix):
+            return True
+        pairs = (seen.indices, matrix.indices), (seen.indptr, matrix.indptr)
+        return all(a is b or np.array_equal(a, b) for a, b in pairs)
+
+    def _lay_out(self, parts: list[Rows]) -> None:
+        """Make the pattern and all arrays for the rows given."""
+        for constraint, part in zip(self._constraints, parts, strict=True):
+            self._check(constraint, part)
+        counts = [len(part.lower) for part in parts]
+        ends = np.cumsum(counts).tolist()
+        self.spans = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
+        blocks = [_coordinates(part.matrix) for part in parts]
+        row = np.concatenate([r + s.start for (r, _), s in zip(blocks, self.spans, strict=True)])
+        column = np.concatenate([c for _, c in blocks])
+        order = np.lexsort((row, column))
+        self.row, self.column = row[order], column[order]
+        self.starts = np.searchsorted(self.column, np.arange(2 * self._horizon + 1))
+        place = np.argsort(order)
+        cuts = np.cumsum([len(r) for r, _ in blocks])[:-1]
+        self._places = np.split(place, cuts)
+        self._seen = [part.matrix for part in parts]
+        self._raw = np.empty(len(row))
+        for part, where in zip(parts, self._places, strict=True):
+            self._raw[where] = _entries(part.matrix)
+        self._low = np.concatenate([part.lower for part in parts])
+        self._high = np.concatenate([part.upper for part in parts])
+        self._scale()
+        self.lower, self.upper = self._low / self.norm, self._high / self.norm
+
+    def _scale(self) -> None:
+        """Scale the entries and remember by how much."""
+        scaled = self._raw * self._unit[self.column]
+        norm = np.bincount(self.row, np.abs(scaled), len(self._low))
+        norm[norm == 0.0] = 1.0
+        self.norm, self.value = norm, scaled / norm[self.row]
+
+
+def _entries(matrix: Any) -> Array:
+    """Return the entries of a block in its own order."""
+    return np.ravel(matrix.data if sparse.issparse(matrix) else matrix)
+
+
+def _coordinates(matrix: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return row and column of each entry of a block in its own order."""
+    count, width = matrix.shape
+    if sparse.issparse(matrix):
+        return np.repeat(np.arange(count), np.diff(matrix.indptr)), np.asarray(matrix.indices)
+    return np.repeat(np.arange(count), width), np.tile(np.arange(width), count)
