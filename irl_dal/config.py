@@ -35,11 +35,11 @@ __all__ = [
     "RunConfig",
     "ShieldConfig",
     "config_hash",
+    "did_you_mean",
     "is_known",
     "known_keys",
     "parse",
     "register",
-    "similar_key",
     "to_mapping",
 ]
 
@@ -142,9 +142,7 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
     known = set(known_keys())
     for key, value in _leaves(mapping):
         if not is_known(key, known):
-            close = similar_key(key)
-            hint = f"; did you mean {close}?" if close else ""
-            raise ConfigError(f"{key} = {value!r}: there is no such key{hint}")
+            raise ConfigError(f"{key} = {value!r}: there is no such key{did_you_mean(key)}")
     try:
         return _RUN_CONFIG.validate_python(mapping)
     except ValidationError as error:
@@ -181,12 +179,12 @@ def is_known(key: str, known: Collection[str] | None = None) -> bool:
     return key in keys or any(other.startswith(f"{key}.") for other in keys)
 
 
-def similar_key(key: str) -> str | None:
-    """The known key closest to an unknown one: of the same name in another section first."""
+def did_you_mean(key: str) -> str:
+    """A hint at the known key closest to an unknown one: of its name in another section first."""
     known = known_keys()
     elsewhere = [other for other in known if other.split(".")[-1] == key.split(".")[-1]]
     close = get_close_matches(key, elsewhere, n=1, cutoff=0.0) or get_close_matches(key, known, n=1)
-    return close[0] if close else None
+    return f"; did you mean {close[0]}?" if close else ""
 
 
 def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:

@@ -16,8 +16,13 @@ from pathlib import Path
 from omegaconf import DictConfig
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
-from irl_dal.cli.streams import require_writable
+from irl_dal.cli.overrides import (
+    apply_overrides,
+    explicit_overrides,
+    path_argument,
+    require_same,
+    require_writable,
+)
 from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.evaluation.suite import evaluate

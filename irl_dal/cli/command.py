@@ -2,32 +2,26 @@
 
 from __future__ import annotations
 
-import functools
 import os
 import re
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 
 import hydra
 from hydra.core.hydra_config import HydraConfig
-from hydra.errors import (
-    ConfigCompositionException,
-    HydraException,
-    MissingConfigException,
-    OverrideParseException,
-)
+from hydra.errors import HydraException, MissingConfigException, OverrideParseException
 from omegaconf import DictConfig
 from omegaconf.errors import OmegaConfBaseException
 from rich.console import Console
 
 from irl_dal.cli.overrides import as_argument, is_readable
-from irl_dal.cli.streams import replace_unknown_characters
-from irl_dal.config import ConfigError, is_known, register, similar_key
+from irl_dal.config import ConfigError, did_you_mean, is_known, register
 from irl_dal.storage.checkpoint import CheckpointError
 
-__all__ = ["CONFIG_FOLDER", "describe", "new_console", "one_line_errors", "run_command"]
+__all__ = ["CONFIG_FOLDER", "new_console", "one_line_errors", "run_command"]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
 CONFIG_FOLDER = next(
@@ -37,11 +31,8 @@ CONFIG_FOLDER = next(
 """Hydra's groups: inside the package in a wheel, beside it in a clone. An absolute path, because
 `configs` may be another package's name where the command is called from."""
 
-USER_ERROR = 2
-"""Exit code of a mistake in what was asked for."""
-
-INTERRUPTED = 130
-"""Exit code after Ctrl-C, as a shell has it."""
+USER_ERROR, INTERRUPTED = 2, 130
+"""Exit codes of a mistake in what was asked for, and of Ctrl-C, as a shell has it."""
 
 Task = Callable[[DictConfig], None]
 
@@ -59,9 +50,8 @@ def run_command(task: Task, config_name: str) -> None:
     # Hydra then raises what it would otherwise print over many lines.
     os.environ["HYDRA_FULL_ERROR"] = "1"
 
-    @functools.wraps(task)
     def run(composed: DictConfig) -> None:
-        with one_line_errors():
+        with one_line_errors():  # inside: Hydra prints other exceptions than SystemExit
             _refuse_signs(HydraConfig.get().overrides.task)
             task(composed)
 
@@ -75,25 +65,30 @@ def run_command(task: Task, config_name: str) -> None:
 def one_line_errors() -> Iterator[None]:
     """End the process with one line on stderr where a command cannot do what was asked for.
 
-    What the terminal's encoding cannot show is replaced meanwhile, not an error.
+    What the terminal's encoding cannot show is replaced by `?` from now on.
 
     Raises:
         SystemExit: Code 2 for an unusable configuration, run folder or checkpoint, 130 for Ctrl-C.
     """
-    replace_unknown_characters()
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, TextIOWrapper):
+            stream.reconfigure(errors="replace")
+    line, code = "", USER_ERROR
     try:
         yield
+        return
     except (ConfigError, CheckpointError) as error:
-        _fail(str(error))
+        line = f"error: {error}"
     except (HydraException, OmegaConfBaseException) as error:
-        _fail(describe(error, sys.argv[1:]))
+        line = f"error: {_describe(error, sys.argv[1:])}"
     except ValueError as error:
         if not str(error).startswith("Config group override"):  # Hydra's own, of `shield=3`
             raise
-        _fail(_no_option(sys.argv[1:]))
+        line = f"error: {_no_option(sys.argv[1:])}"
     except KeyboardInterrupt as error:
-        print("; ".join(["interrupted", *map(str, error.args)]), file=sys.stderr)
-        raise SystemExit(INTERRUPTED) from None
+        line, code = "; ".join(["interrupted", *map(str, error.args)]), INTERRUPTED
+    print(line, file=sys.stderr)
+    raise SystemExit(code)
 
 
 def new_console(*, force_terminal: bool | None = None) -> Console:
@@ -101,43 +96,35 @@ def new_console(*, force_terminal: bool | None = None) -> Console:
     return Console(markup=False, emoji=False, force_terminal=force_terminal)
 
 
-def describe(error: Exception, arguments: Sequence[str]) -> str:
-    """One line that names the key and the value of a mistake on the command line.
-
-    Args:
-        error: What Hydra or OmegaConf raised.
-        arguments: The command line behind the program's name.
-    """
+def _describe(error: Exception, arguments: Sequence[str]) -> str:
+    """One line that names the key and the value of what Hydra or OmegaConf refuses."""
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"{group} = {name!r}: choose one of {', '.join(sorted(error.options))}"
     if isinstance(error, OverrideParseException):
         return _unreadable(str(error.override))
     text = str(error)
-    known = re.search(r"(?:Could not append to config.*?'|Multiple values for )([\w./]+)", text)
-    if known:
-        return _already_there(known[1].rstrip("."), arguments)
-    removed = re.search(r"Could not delete.*?'([^']+)'", text)
-    if removed:
-        return f"~{removed[1]}: no key can be removed; switch the part off instead"
-    unknown = re.search(r"Could not override.*?'([^']+)'", text)
-    if isinstance(error, ConfigCompositionException) and unknown:
-        return _unknown_key(unknown[1], arguments)
-    line = " ".join(text.partition("\nSee https")[0].split())
+    if found := re.search(r"(?:Could not append .*?'|Multiple values for )([\w./]+)", text):
+        key = found[1].rstrip(".")
+        return f"{key} = {_value(key, arguments)}: the key exists, state it without the +"
+    if found := re.search(r"Could not delete.*?'([^']+)'", text):
+        return f"~{found[1]}: no key can be removed; switch the part off instead"
+    if found := re.search(r"Could not override.*?'([^']+)'", text):
+        key = found[1]
+        return f"{key} = {_value(key, arguments)}: there is no such key{did_you_mean(key)}"
     node = re.search(r"Interpolation key '([^']+)'", text)
-    where = [argument for argument in arguments if node and node[1] in argument]
-    return f"{where[0]}: {line}" if where else line
+    where = [f"{argument}: " for argument in arguments if node and node[1] in argument]
+    return "".join(where[:1]) + " ".join(text.partition("\nSee https")[0].split())
 
 
 def _refuse_signs(overrides: Sequence[str]) -> None:
-    """Every key that can be stated exists: one that is added or removed is a mistake."""
+    """Every key that can be stated exists: adding or removing a key is a mistake."""
     for override in overrides:
+        key = override.lstrip("+").partition("=")[0]
         if override.startswith("~"):
             raise ConfigError(f"{override}: no key can be removed; switch the part off instead")
-        key = override.lstrip("+").partition("=")[0]
         if override.startswith("+") and not is_known(key):
-            close = similar_key(key)
-            hint = f"; did you mean {close}?" if close else ""
+            hint = did_you_mean(key)
             raise ConfigError(f"{override}: a key must exist and is stated without the +{hint}")
 
 
@@ -152,30 +139,12 @@ def _unreadable(argument: str) -> str:
 def _no_option(arguments: Sequence[str]) -> str:
     """A group for which something else than a name is stated."""
     for key, _, value in (argument.partition("=") for argument in arguments):
-        if not key:
-            return f"={value}: an argument has the form key=value"
         options = sorted(file.stem for file in (CONFIG_FOLDER / key).glob("*.yaml"))
-        if options and not is_readable(f"{key}={value}", value):
+        if key and options and not is_readable(f"{key}={value}", value):
             return f"{key} = {value}: choose one of {', '.join(options)}"
-    return "a group's value is one of its names"
-
-
-def _already_there(key: str, arguments: Sequence[str]) -> str:
-    """`+key=value` for a key that exists."""
-    return f"{key} = {_value(key, arguments)}: the key exists, state it without the +"
-
-
-def _unknown_key(key: str, arguments: Sequence[str]) -> str:
-    line = f"{key} = {_value(key, arguments)}: there is no such key"
-    close = similar_key(key)
-    return f"{line}; did you mean {close}?" if close else line
+    return f"{' '.join(arguments)}: an argument has the form key=value"
 
 
 def _value(key: str, arguments: Sequence[str]) -> str:
     values = [a.partition("=")[2] for a in arguments if a.lstrip("+~").partition("=")[0] == key]
     return values[-1] if values else "?"
-
-
-def _fail(line: str) -> None:
-    print(f"error: {line}", file=sys.stderr)
-    raise SystemExit(USER_ERROR)

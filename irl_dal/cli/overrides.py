@@ -1,9 +1,10 @@
-"""Overrides: what the command line states, against what an earlier run was started with."""
+"""Overrides: what the command line states, against an earlier run, and the paths in it."""
 
 from __future__ import annotations
 
 import re
 import shlex
+import tempfile
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -22,16 +23,12 @@ __all__ = [
     "is_readable",
     "path_argument",
     "require_same",
+    "require_writable",
 ]
 
 
 def explicit_overrides(composed: DictConfig, own: Iterable[str]) -> Iterator[tuple[str, Any]]:
-    """Keys and values that the command line states, without the command's own.
-
-    Args:
-        composed: What Hydra made of it.
-        own: Keys that are not part of a run's configuration.
-    """
+    """Keys and values that the command line states, without the command's `own` keys."""
     resolved = OmegaConf.create(OmegaConf.to_container(composed, resolve=True))
     for override in HydraConfig.get().overrides.task:
         key = override.lstrip("+").partition("=")[0]
@@ -52,17 +49,7 @@ def apply_overrides(config: RunConfig, values: Iterable[tuple[str, Any]]) -> Run
 
 
 def require_same(key: str, value: Any, config: RunConfig, why: str) -> None:
-    """Refuse a value that differs from a run's.
-
-    Args:
-        key: What the command line states.
-        value: What it states.
-        config: The run's configuration.
-        why: End of the message.
-
-    Raises:
-        ConfigError: It differs.
-    """
+    """Raise a ConfigError that ends in `why` if a run has another value under `key`."""
     known = OmegaConf.select(OmegaConf.create(to_mapping(config)), key)
     if known != value:
         shown = "another configuration" if isinstance(value, DictConfig) else repr(value)
@@ -84,14 +71,33 @@ def path_argument(composed: DictConfig, key: str) -> Path | None:
     return Path(str(value)).expanduser()
 
 
-def as_argument(key: str, value: str, *, force: bool = False) -> str:
-    """`key=value` as it is typed in a shell so that Hydra reads the value as this text.
+def require_writable(key: str, path: Path, *, folder: bool = False) -> None:
+    """Refuse a target that cannot be written, before anything is computed for it.
+
+    Makes the folder that the target will lie in, or that it is.
 
     Args:
-        key: The key.
-        value: The text.
-        force: Quote it also where there is no need to.
+        key: Configuration key that names it.
+        path: The target; need not exist.
+        folder: It is a folder.
+
+    Raises:
+        ConfigError: Nothing can be written there.
     """
+    where = f"{key} = {str(path)!r}"
+    try:
+        if path.exists() and (not path.is_dir() if folder else not path.is_file()):
+            raise ConfigError(f"{where}: is {'a file' if folder else 'a folder or a device'}")
+        place = path if folder else path.parent
+        place.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=place):
+            pass
+    except OSError as error:
+        raise ConfigError(f"{where}: cannot be written ({error.strerror})") from None
+
+
+def as_argument(key: str, value: str, *, force: bool = False) -> str:
+    """`key=value` as a shell takes it so that Hydra reads this text; `force` quotes it anyway."""
     plain = f"{key}={value}"
     if not force and is_readable(plain, value):
         return shlex.quote(plain)

@@ -19,10 +19,10 @@ from irl_dal.config import (
     ConfigError,
     RunConfig,
     config_hash,
+    did_you_mean,
     known_keys,
     parse,
     register,
-    similar_key,
     to_mapping,
 )
 from shield import HorizonProjector
@@ -186,7 +186,7 @@ def test_impossible_values_are_named(override: str, named: list[str]) -> None:
 )
 def test_an_unknown_key_is_answered_with_the_nearest_known_one(key: str, meant: str) -> None:
     """By its last part first: that is what remains of a key that moved to another section."""
-    assert similar_key(key) == meant
+    assert did_you_mean(key) == f"; did you mean {meant}?"
     with pytest.raises(ConfigError, match=r"shield\.max_speed = 9: .* mean limits\.max_speed\?"):
         parse({"shield": {"max_speed": 9}})
 

@@ -1,12 +1,10 @@
-import io
-import sys
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from irl_dal import evaluate, train
-from irl_dal.cli.command import new_console, one_line_errors
+from irl_dal.cli.command import new_console
 from irl_dal.config import RunConfig
 from irl_dal.storage.run_folder import create_run
 
@@ -75,27 +73,3 @@ def test_the_console_prints_names_as_they_are(capsys: pytest.CaptureFixture[str]
     """Square brackets and colons in a path are no markup."""
     new_console().print("runs/[red]x[/red]/:smile:", soft_wrap=True)
     assert capsys.readouterr().out == "runs/[red]x[/red]/:smile:\n"
-
-
-def test_a_terminal_without_unicode_costs_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
-    """What its encoding cannot show is replaced."""
-    for encoding in ("latin-1", "ascii"):
-        terminal = io.TextIOWrapper(io.BytesIO(), encoding=encoding)
-        monkeypatch.setattr(sys, "stdout", terminal)
-        with one_line_errors():
-            print("success ≥ 96 % ± ½")
-        terminal.flush()
-        assert b"success ?" in terminal.buffer.getvalue()  # type: ignore[attr-defined]
-
-
-@pytest.mark.parametrize(
-    ("words", "line"),
-    [((), "interrupted"), (("go on with resume=R",), "interrupted; go on with resume=R")],
-)
-def test_an_interrupt_is_one_line(
-    capsys: pytest.CaptureFixture[str], words: tuple[str, ...], line: str
-) -> None:
-    """Exit code 130, with what the command has to say of it."""
-    with pytest.raises(SystemExit) as end, one_line_errors():
-        raise KeyboardInterrupt(*words)
-    assert end.value.code == 130 and capsys.readouterr().err == line + "\n"

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from omegaconf import DictConfig
 
-from irl_dal.cli.command import run_command
-from irl_dal.cli.streams import replace_unknown_characters, require_writable
+from irl_dal.cli.command import one_line_errors, run_command
+from irl_dal.cli.overrides import require_writable
 from irl_dal.config import ConfigError
 
 
@@ -21,8 +21,8 @@ def test_a_terminal_without_utf8_shows_a_question_mark(
     monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(raw, encoding=encoding))
     with pytest.raises(UnicodeEncodeError):
         sys.stdout.write("─ m/s³")
-    replace_unknown_characters()
-    print("a ─ b", flush=True)
+    with one_line_errors():
+        print("a ─ b", flush=True)
     assert raw.getvalue() == b"a ? b\n"
 
 
