@@ -77,20 +77,12 @@ _PLAIN = ("seed", "variant", "preset")
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """Everything that a run depends on.
+    """Everything that a run depends on: a section per part, named as its group in `configs/`.
 
     Attributes:
         seed: Of every random source of the training.
         variant: Name of the compared method.
         preset: Name of the extent: default, paper or smoke.
-        env: The city.
-        expert: The expert.
-        limits: Bounds of the actuators.
-        shield: The shield.
-        planner: The diffusion planner, and when it is asked.
-        perception: The perception module.
-        learning: The two phases.
-        evaluation: What is measured after the training.
     """
 
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
@@ -141,6 +133,8 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
         mapping = {key: value for key, value in mapping.items() if key in (*_PLAIN, *GROUPS)}
     known = set(known_keys())
     for key, value in _leaves(mapping):
+        if value == {}:
+            raise ConfigError(f"{key} = {{}}: the section is empty")
         if not is_known(key, known):
             raise ConfigError(f"{key} = {value!r}: there is no such key{did_you_mean(key)}")
     try:
@@ -212,10 +206,6 @@ def _first_line(error: ValidationError) -> str:
     path = [str(part) for part in details["loc"]]
     message = details["msg"].removeprefix("Value error, ")
     if details["type"] != "value_error":
-        return f"{'.'.join(path)} = {details['input']!r}: {_lower_first(message)}"
+        return f"{'.'.join(path)} = {details['input']!r}: {message[:1].lower()}{message[1:]}"
     named = re.match(r"`([\w.]+)`", message)
     return f"{'.'.join([*path, named[1]] if named else path)}: {message}"
-
-
-def _lower_first(text: str) -> str:
-    return text[:1].lower() + text[1:]

@@ -10,24 +10,9 @@ __all__ = ["EXTRAS", "preflight"]
 
 EXTRAS = {
     "drive": (
-        "gymnasium",
-        "hydra",
-        "imageio",
-        "jinja2",
-        "joblib",
-        "markupsafe",
-        "matplotlib",
-        "numba",
-        "omegaconf",
-        "PIL",
-        "pybullet",
-        "pydantic",
-        "rich",
-        "safetensors",
-        "stable_baselines3",
-        "threadpoolctl",
-        "torch",
-        "yaml",
+        *("gymnasium", "hydra", "imageio", "jinja2", "joblib", "markupsafe", "matplotlib", "numba"),
+        *("omegaconf", "PIL", "pybullet", "pydantic", "rich", "safetensors", "stable_baselines3"),
+        *("threadpoolctl", "torch", "yaml"),
     ),
     "report": ("rliable",),
 }
@@ -38,26 +23,21 @@ _HOME = Path(__file__).resolve().parents[2]
 
 
 def preflight(*extras: str) -> None:
-    """End the process with one line where an import of a command would fail.
+    """End the process with one line and exit code 2 where an import of a command would fail.
 
-    Args:
-        extras: The extras whose modules the command imports.
-
-    Raises:
-        SystemExit: Code 2, if a file of the working folder hides one of our packages (`python -m`
-            looks there first), or if a module is not installed.
+    A file of the working folder may hide one of our packages (`python -m` looks there first), or a
+    module that one of the `extras` brings is not installed.
     """
+    line = ""
     for name in ("expert", "shield"):
         spec = find_spec(name)
         origin = Path((spec and spec.origin) or "?")
         if origin.resolve().parent != _HOME / name:
-            _fail(f"{origin} hides the package {name!r} of irl-dal: rename it, or call irl-dal-...")
+            line = f"{origin} hides the package {name!r} of irl-dal: rename it, or call irl-dal-..."
     for extra in extras:
         for module in EXTRAS[extra]:
-            if find_spec(module) is None:
-                _fail(f"{module} is not installed: pip install 'irl-dal[{extra}]'")
-
-
-def _fail(line: str) -> None:
-    print(f"error: {line}", file=sys.stderr)
-    raise SystemExit(2)
+            if not line and find_spec(module) is None:
+                line = f"{module} is not installed: pip install 'irl-dal[{extra}]'"
+    if line:
+        print(f"error: {line}", file=sys.stderr)
+        raise SystemExit(2)

@@ -1,14 +1,14 @@
 """How many threads torch and numpy compute on.
 
-One, wherever something is driven: the matrices of a control step are too small to share, and idle
-threads of two libraries that wait actively halve the speed. A gradient step is large enough for
-two. Numbers depend on the count in their last digits, and on nothing else.
+One for driving: the matrices of a control step are too small to share, and idle threads that wait
+actively halve the speed. Two for a gradient step. Only the last digits depend on the count.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import contextmanager
+from functools import partial
 
 import torch
 from threadpoolctl import threadpool_limits
@@ -31,9 +31,7 @@ def threads(count: int) -> Iterator[None]:
         torch.set_num_threads(before)
 
 
-def one_thread() -> AbstractContextManager[None]:
-    """Compute on one thread meanwhile."""
-    return threads(1)
+one_thread = partial(threads, 1)
 
 
 def stay_on_one_thread() -> None:

@@ -28,12 +28,7 @@ RUN_FORMAT = 2
 
 @dataclass(frozen=True, slots=True)
 class RunFolder:
-    """A run's folder and its configuration.
-
-    Attributes:
-        path: The folder.
-        config: What the run was started with.
-    """
+    """A run's folder and the configuration that the run was started with."""
 
     path: Path
     config: RunConfig
@@ -52,11 +47,6 @@ class RunFolder:
     def evaluation(self) -> Path:
         """The flat report of the evaluation after the training."""
         return self.path / "evaluation.json"
-
-    @property
-    def unfinished(self) -> Path:
-        """Folder of what evaluations have driven that are not over."""
-        return self.path / "unfinished"
 
     @property
     def figures(self) -> Path:
@@ -111,12 +101,9 @@ def _write_origin(folder: Path, config: RunConfig) -> None:
 def open_run(key: str, path: Path) -> RunFolder:
     """Read the folder of an earlier run.
 
-    Args:
-        key: Configuration key that names it, for the error's sake.
-        path: The folder.
-
     Raises:
-        ConfigError: It is missing, empty, no run folder, or of another version.
+        ConfigError: It is missing, empty, damaged, no run folder, or of another version; `key` is
+            what named it.
     """
     where = f"{key} = {str(path)!r}"
     try:
@@ -130,10 +117,9 @@ def open_run(key: str, path: Path) -> RunFolder:
     if found != RUN_FORMAT:
         raise ConfigError(f"{where}: run format {found!r}, this version reads {RUN_FORMAT}")
     mapping = _read(path / "config.yaml", yaml.safe_load, where)
-    for group in GROUPS:
-        if not (isinstance(mapping.get(group), dict) and mapping[group]):
-            raise ConfigError(f"{where}: config.yaml is damaged: {group!r} is no section")
     try:
+        if missing := [group for group in GROUPS if group not in mapping]:
+            raise ConfigError(f"{', '.join(missing)}: missing")
         return RunFolder(path, parse(mapping))
     except ConfigError as error:
         raise ConfigError(f"{where}: config.yaml: {error}") from None
@@ -163,8 +149,8 @@ def _commit() -> str:
     here = Path(__file__).resolve()
     if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
         return "unknown"
-    commit = _git(here.parent, "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
-    return commit or "unknown"
+    described = ("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
+    return _git(here.parent, *described) or "unknown"
 
 
 def _git(folder: Path, *arguments: str) -> str | None:

@@ -222,6 +222,13 @@ def test_the_solver_of_the_shield_is_that_of_every_projector(
     assert len(solvers) >= 3 and set(solvers) == {"daqp"}
 
 
+def test_an_empty_section_is_no_section() -> None:
+    """Where a file lost its values, the defaults do not take their place."""
+    for mapping in ({"shield": {}}, {"shield": {"trigger": {}}}):
+        with pytest.raises(ConfigError, match="shield.* is empty"):
+            parse(mapping)
+
+
 def test_the_sections_are_the_groups() -> None:
     """A section is the dataclass of its part, field by field: no mapping stands between."""
     mapping = to_mapping(RunConfig())

@@ -82,10 +82,27 @@ def test_a_damaged_section_names_the_run(tmp_path: Path, content: str) -> None:
     path = tmp_path / "one"
     create_run(path, CONFIG)
     (path / "config.yaml").write_text(content)
-    with pytest.raises(ConfigError, match="config.yaml is damaged") as caught:
+    with pytest.raises(ConfigError, match="config.yaml") as caught:
         open_run("run", path)
     line = str(caught.value)
     assert line.startswith(f"run = '{path}'") and "\n" not in line
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("trigger:", "trigger: null\n  other:"), ("limits:\n", "limits: []\nother:\n")],
+)
+def test_a_section_within_a_run_that_is_none_names_the_run(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    """Whatever else the file says."""
+    path = tmp_path / "one"
+    create_run(path, CONFIG)
+    text = (path / "config.yaml").read_text()
+    assert old in text
+    (path / "config.yaml").write_text(text.replace(old, new))
+    with pytest.raises(ConfigError, match=f"run = '{path}': config.yaml"):
+        open_run("run", path)
 
 
 def test_an_unknown_key_or_section_of_a_run_is_refused(tmp_path: Path) -> None:
