@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from shield import InvalidLimits, InvalidProblem, KinematicBicycle
+from shield import InvalidLimits, InvalidProblem, KinematicBicycle, VehicleGeometry
 from shield.vehicle import LateralRows
 from tests.shield import tolerances
 
@@ -67,3 +67,14 @@ def test_rollout_checks_shapes() -> None:
         BICYCLE.rollout("here", np.zeros((4, 2)))
     with pytest.raises(InvalidProblem, match=r"`commands`.*\(0, 2\)"):
         BICYCLE.rollout(np.zeros(3), np.zeros((0, 2)))
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [("length", 0.0), ("width", -1.0), ("front_bumper", float("nan")), ("front_bumper", 4.5)],
+)
+def test_an_impossible_outline_is_refused(field: str, value: float) -> None:
+    """Naming the field and the value; the rear axle lies inside of the body."""
+    assert VehicleGeometry().rear_overhang == pytest.approx(0.9)
+    with pytest.raises(InvalidLimits, match=f"`{field}`.*Got"):
+        VehicleGeometry(**{field: value})

@@ -1,6 +1,7 @@
 """Clusters followed from scan to scan."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -108,3 +109,29 @@ def test_what_is_not_positive_is_refused(name: str) -> None:
     arguments = {"dt": DT, "mount": FORWARD, name: 0.0}
     with pytest.raises(InvalidProblem, match=f"`{name}`.*0"):
         ClusterTracker(**arguments)
+
+
+def test_a_reset_forgets_everything_and_counts_anew() -> None:
+    """Two episodes with the same scans have the same tracks."""
+    tracker = ClusterTracker(DT, FORWARD)
+    episodes = []
+    for _ in range(2):
+        tracker.reset()
+        episodes.append([tracker.update(post(20.0 - k, 1.0), 5.0, 0.0)[0] for k in (0, 5, 10)])
+    first, second = ([(t.number, t.sightings, *t.velocity) for t in each] for each in episodes)
+    assert first == second and first[0][0] == 0
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments"),
+    [
+        ("points", (np.zeros(3), 1.0, 0.0)),
+        ("points", ("far", 1.0, 0.0)),
+        ("speed", (np.zeros((0, 2)), None, 0.0)),
+        ("yaw_rate", (np.zeros((0, 2)), 1.0, "left")),
+    ],
+)
+def test_wrong_types_are_refused_by_name(name: str, arguments: Any) -> None:
+    """Before anything has moved."""
+    with pytest.raises(InvalidProblem, match=f"`{name}`"):
+        ClusterTracker(DT, FORWARD).update(*arguments)

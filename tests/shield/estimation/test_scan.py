@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from shield import InvalidProblem
+from shield import InvalidLimits, InvalidProblem, ScannerGeometry
 from shield.estimation.scan import ScanFilter
 
 FREE = np.full(180, 40.0)
@@ -94,3 +94,50 @@ def test_wrong_shapes_raise(scan: Any) -> None:
     """Naming the argument and the shape."""
     with pytest.raises(InvalidProblem, match="`scan`"):
         ScanFilter(40.0).nearest(scan)
+
+
+def test_beams_spread_evenly_from_the_right_to_the_left() -> None:
+    """Whatever their number and the field of view."""
+    scanner = ScannerGeometry(beams=5, field_of_view=2.0, max_range=30.0)
+    assert scanner.angles == pytest.approx([-1.0, -0.5, 0.0, 0.5, 1.0])
+    scan = np.array([1.0, 29.6, np.inf, np.nan, 0.0])
+    assert scanner.returned(scan).tolist() == [True, False, False, False, False]
+
+
+@pytest.mark.parametrize(
+    ("field", "value"),
+    [
+        ("beams", 1),
+        ("beams", 2.5),
+        ("beams", True),
+        ("field_of_view", 0.0),
+        ("field_of_view", 7.0),
+        ("max_range", np.nan),
+        ("mount", "front"),
+    ],
+)
+def test_an_impossible_scanner_is_refused(field: str, value: Any) -> None:
+    """Naming the field and the value."""
+    with pytest.raises(InvalidLimits, match=f"`{field}`.*Got"):
+        ScannerGeometry(**{field: value})
+
+
+def test_a_beam_that_repeats_while_the_car_drives_is_marked_at_once() -> None:
+    """And stays marked at standstill until it changes; a standing car's beams never are."""
+    scans, rng = ScanFilter(40.0), np.random.default_rng(0)
+    first = 20.0 + rng.normal(0.0, 0.1, 180)
+    second = first + rng.normal(0.0, 0.1, 180)
+    second[90:95] = first[90:95]
+    marks = []
+    for scan, speed in ((first, 5.0), (second, 5.0), (second, 0.0), (second + 0.1, 0.0)):
+        marks.append(int(scans.examine(scan, speed).repeated.sum()))
+    assert marks == [0, 5, 5, 0]
+    scans.reset()
+    assert not any(scans.examine(first, 0.0).repeated.any() for _ in range(9))
+
+
+def test_a_frozen_scan_is_noticed_though_the_car_brakes_to_a_stop() -> None:
+    """Two scans of driving are enough to begin the count."""
+    scans, scene = ScanFilter(40.0), np.linspace(5.0, 20.0, 180)
+    frozen = [scans.examine(scene, speed).frozen for speed in (1.2, 0.6, 0.0, 0.0, 0.0, 0.0, 0.0)]
+    assert frozen == [False] * 5 + [True] * 2
