@@ -28,7 +28,7 @@ RANGES: Ranges = {
     "time_limit": (1.0, 1e5),
     "collision_distance": (0.0, 100.0),
     "obstacle_sight": (0.0, 1e3),
-    "image_size": (32, 1024),  # smaller ones have no line wider than a pixel
+    "image_size": (32, 1024),
     "image_noise": (0.0, 255.0),
     "lidar_beams": (2, 16_384),  # Bullet's largest batch of rays
     "lidar_range": (1.0, 1e3),
@@ -105,10 +105,8 @@ class CityConfig:
             raise ValueError(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
 
     def _check_choices(self) -> None:
-        for name, choices in (
-            ("difficulty", sorted(DENSITY)),
-            ("lane_sensor", ["camera", "odometry"]),
-        ):
+        choices_of = {"difficulty": sorted(DENSITY), "lane_sensor": ["camera", "odometry"]}
+        for name, choices in choices_of.items():
             if getattr(self, name) not in choices:
                 raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
 

@@ -15,7 +15,7 @@ __all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
 FAULT_TIME = 1.0  # Length of one freeze of the camera and of one burst of noise [s]
 # Standard deviation in a burst, of a range [m] and of a pixel [1/255]
 BURST_RANGE, BURST_PIXEL = 1.0, 10.0
-SHORTEST_STUCK = 2.0  # Shortest range at which a beam is stuck [m]: nearer ones would be collisions
+SHORTEST_STUCK = 2.0  # Shortest range at which a beam is stuck [m]
 # Admissible values, in the fields' units
 RANGES: Ranges = {
     **dict.fromkeys(("dead_beams", "stuck_beams", "frozen_camera", "noise_bursts"), (0.0, 1.0)),

@@ -51,9 +51,9 @@ PIXEL_ERROR = 0.29  # Standard deviation of a point within its pixel [px], unifo
 SLANT = 0.25
 # Offsets of the own direction's white lines from the yellow one [m]
 WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
+# Deviations of a line's pixels from its middle [m]: uniform over its width, and 0.03 m more for what
+# is not known of the white ones
 SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
-# Deviations of a line's pixels from its middle [m]: uniform over its width; a white dash is not
-# always told from the glare beside it
 SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
 # Prior of a fit (d [m], psi [rad], kappa [1/m], kappa' [1/m^2]) about a straight road and about the
 # last fit: offset and heading are free, a road bends with 25 m and more
@@ -68,7 +68,7 @@ INLIER = 0.1  # A pixel nearer than this, beyond three deviations, supports a fi
 MAX_STRAYS, MIN_SUPPORT = 0.15, 0.6
 # Ratio of lengths at an offset and on the line; beyond the centre of a bend there is none
 MIN_STRETCH, MAX_STRETCH = 0.3, 3.0
-# Least deviations that are reported [m], [rad]: what calibration leaves
+# Least deviations that are reported [m], [rad]
 MIN_OFFSET_STD, MIN_HEADING_STD = 0.04, 0.006
 # Normal matrix of the first guess's prior, and its Cauchy weights' widths [m]
 PARABOLA_PRIOR, PARABOLA_WIDTHS = np.diag([1e-6, 1.0, 400.0]), (3.0, 1.5, 0.8)
@@ -136,12 +136,7 @@ class _Fit:
 
 
 class LaneCamera:
-    """Measures the home lane in camera images.
-
-    Args:
-        eye: The camera's geometry.
-        dt: Time between two images [s].
-    """
+    """Measures the home lane in camera images, `dt` [s] apart."""
 
     def __init__(self, eye: Eye, dt: float) -> None:
         self._dt = dt
@@ -166,12 +161,9 @@ class LaneCamera:
     def measure(
         self, image: NDArray[np.uint8], speed: float, yaw_rate: float
     ) -> LaneMeasurement | None:
-        """Measure; None where the lane is not seen, or where an image repeats itself bit by bit.
+        """Measure in an image (size, size, 3) uint8, after motion with `speed` and `yaw_rate`.
 
-        Args:
-            image: (size, size, 3) uint8.
-            speed: Measured speed since the last image [m/s].
-            yaw_rate: Yaw rate since the last image [rad/s].
+        None where the lane is not seen, or where the image repeats the last one bit by bit.
         """
         self._move(speed, yaw_rate)
         frozen = self._image is not None and bool(np.array_equal(image, self._image))
@@ -197,14 +189,9 @@ class LaneCamera:
         d, psi, bend, rate = self._last
         way = speed * self._dt
         along = way / max(MIN_STRETCH, 1.0 - bend * d)
-        self._last = np.array(
-            [
-                d + way * math.sin(psi + 0.5 * yaw_rate * self._dt),
-                psi + yaw_rate * self._dt - bend * along,
-                bend + rate * along,
-                rate,
-            ]
-        )
+        turn = yaw_rate * self._dt
+        offset = d + way * math.sin(psi + 0.5 * turn)
+        self._last = np.array([offset, psi + turn - bend * along, bend + rate * along, rate])
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[_Fit, bool] | None:
         """Fit the lines of an image, and whether the yellow one took part."""

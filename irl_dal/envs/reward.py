@@ -18,7 +18,7 @@ BASELINE = 0.1  # For every step that is not a near miss: a calm standstill stil
 # outweigh the progress of a step
 CLEARANCE, NEAR_MISS = 0.4, 0.5
 SMOOTHNESS = 0.1  # Loss for a steering rate of 1 rad/s
-REFERENCE_SPEED = 8.0  # Earns the whole of `progress` [m/s]: the expert's cruising speed
+REFERENCE_SPEED = 8.0  # Earns the whole of `progress` [m/s]; the expert cruises at 9
 CENTRING = 0.4  # For a step in the middle of the lane that the mode asks for
 CENTRING_WIDTH = 0.6  # Offset at which centring has fallen to 1/e [m]: a third of a car's width
 # Clearance below which a step is a near miss [m], half a metre above d_collision
@@ -55,13 +55,7 @@ class Situation:
 
 
 def driving_mode(lateral_offset: float, gap: float, sight: float) -> Mode:
-    """Mode that the true state calls for: the expert's four modes without their memory.
-
-    Args:
-        lateral_offset: To the left of the home lane's centre [m].
-        gap: Free distance ahead in the home lane [m].
-        sight: Distance at which an obstacle begins to matter [m].
-    """
+    """Mode for a free distance `gap` ahead in the home lane [m]: the expert's, without memory."""
     passing = lateral_offset > 0.5 * LANE_WIDTH
     if gap < sight:
         return Mode.DRIVING_STRAIGHT if passing else Mode.OBSTACLE_AVOIDANCE

@@ -24,7 +24,7 @@ HALF_WIDTH = LANES_PER_DIRECTION * LANE_WIDTH
 LEAD_IN = 25.0  # Road behind the start [m]
 LEAD_OUT = 90.0  # Road beyond the goal [m]: as far as the camera sees
 MAX_ATTEMPTS = 200  # Roads drawn before giving up; about one in thirty of 500 m meets itself
-# Radii of the arcs [m]: at 25 m the passing lane bends with 18 m, 4 m/s^2 at 8 m/s
+# Radii of the arcs [m]: at 25 m the home lane inside has 20 m, 3.2 m/s^2 at 8 m/s
 MIN_RADIUS, MAX_RADIUS = 25.0, 200.0
 STRAIGHTS = (10.0, 45.0)  # Length of a straight between two bends [m]
 # Length over which the curvature of a bend rises and falls, and of its shortest arc [m]
@@ -33,8 +33,8 @@ TURNS = np.deg2rad((15.0, 75.0))  # Change of direction of a bend [rad]
 # Away from the first heading [rad]: then the next bend leads back to it, so that few roads meet
 # themselves
 MAX_HEADING = np.deg2rad(50.0)
-# Points this far apart along the road [m] keep this distance on the ground [m]: two roads' widths
-# and a house between them
+# Points this far apart along the road [m] keep this distance on the ground [m]: two roads of
+# 14 m and 4 m between them
 APART, KEPT = 60.0, 32.0
 HINT_REACH = 30  # Points of the centre line on both sides of a hint that are searched: 15 m
 # Smallest ratio of lengths at an offset and on the centre line: beyond the centre of a bend there
@@ -87,10 +87,6 @@ class Road:
     def generate(cls, rng: np.random.Generator, length: float) -> Self:
         """Draw straights, arcs and transitions until the road meets itself nowhere.
 
-        Args:
-            rng: Source of the draws.
-            length: Distance from start to goal [m].
-
         Raises:
             ValueError: `MAX_ATTEMPTS` roads met themselves.
         """
@@ -119,13 +115,7 @@ class Road:
         return not bool((near & (np.abs(s[:, None] - s[None]) > APART)).any())
 
     def locate(self, x: float, y: float, hint: int | None = None) -> RoadPoint:
-        """Find the nearest point of the centre line.
-
-        Args:
-            x: Position [m].
-            y: Position [m].
-            hint: `index` of an earlier answer not more than 15 m away.
-        """
+        """Nearest point of the centre line; `hint` is the index of one at most 15 m away."""
         low, high = 0, len(self.s)
         if hint is not None:
             low, high = max(0, hint - HINT_REACH), min(len(self.s), hint + HINT_REACH + 1)

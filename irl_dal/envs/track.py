@@ -62,11 +62,7 @@ class Track:
         Raises:
             TrackError: It cannot be read, or what it describes is not a road.
         """
-        return cls._sample(TrackFile.read(path))
-
-    @classmethod
-    def _sample(cls, file: TrackFile) -> Self:
-        """Resample the yellow line every 0.5 m and check its bends."""
+        file = TrackFile.read(path)
         closed = file.closed
         stations, points, left = _yellow_line(file)
         along = _arc_length(points, closed)
@@ -99,11 +95,7 @@ class Track:
         return int(room // length) if room >= length else 0
 
     def stretch(self, number: int, length: float) -> Road:
-        """The road to the goal of one stretch.
-
-        Args:
-            number: Which one; counted on after the last.
-            length: From one goal to the next [m].
+        """The road to the goal of a stretch of `length` [m]; numbers go round.
 
         Raises:
             TrackError: The road is shorter than one stretch.
@@ -121,13 +113,8 @@ class Track:
         laps, place = np.divmod(index, len(self.points))
         turn = round((self.heading[-1] - self.heading[0]) / (2.0 * math.pi)) * 2.0 * math.pi
         heading = self.heading[place] + laps * turn
-        return Road(
-            self.points[place],
-            heading,
-            self.curvature[place],
-            length,
-            self.left_edge[place],
-        )
+        bend, edge = self.curvature[place], self.left_edge[place]
+        return Road(self.points[place], heading, bend, length, edge)
 
 
 def _closing(values: Array, closed: bool) -> Array:

@@ -17,7 +17,7 @@ from irl_dal.envs.arrays import Array
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 
-# Of both sides together [m]: narrower than a car needs, wider than an airfield's runway
+# Of both sides together [m]: narrower than a lane, wider than a runway
 MIN_WIDTH, MAX_WIDTH = 4.0, 100.0
 MAX_STEP = 5_000.0  # Between two points [m]; a longer one is a slip of the pen, not a straight
 # Points are moved by multiples of this [m], the first one to half of it from the origin at most:
@@ -60,6 +60,8 @@ class TrackFile:
         """
         path = Path(path)
         rows, lines = _Reader(path).rows()
+        while len(rows) > 3 and np.linalg.norm(rows[-1, :2] - rows[0, :2]) < CLOSING:
+            rows = rows[:-1]
         _check_steps(path, rows, lines)
         rows = _one_lap(rows)
         points = rows[:, :2] - GRID * np.round(rows[0, :2] / GRID)
@@ -122,9 +124,8 @@ class _Reader:
         got = f"got {', '.join(names)}"
         missing = [name for name in COLUMNS if name not in names]
         if missing:
-            verb = "column {} is" if len(missing) == 1 else "columns {} are"
-            what = verb.format(", ".join(missing))
-            raise self._error(number, f"the {what} missing, {got}")
+            what = "column {} is" if len(missing) == 1 else "columns {} are"
+            raise self._error(number, f"the {what.format(', '.join(missing))} missing, {got}")
         for name in COLUMNS:
             if names.count(name) > 1:
                 raise self._error(number, f"the column {name} is named twice, {got}")
@@ -135,10 +136,8 @@ class _Reader:
 
     def _row(self, number: int, cells: Sequence[str]) -> list[float]:
         if len(cells) != self._count:
-            raise self._error(
-                number,
-                f"{self._count} columns are needed, got {len(cells)}: {', '.join(cells)!r}",
-            )
+            got = f"got {len(cells)}: {', '.join(cells)!r}"
+            raise self._error(number, f"{self._count} columns are needed, {got}")
         values = []
         for name, place in zip(COLUMNS, self._order or range(len(COLUMNS)), strict=True):
             cell = cells[place]
@@ -172,13 +171,9 @@ def _is_number(cell: str) -> bool:
 
 
 def _check_steps(path: Path, rows: Array, lines: Sequence[int]) -> None:
-    """Refuse points that repeat the one before, other than the first point at the end."""
+    """Refuse points that repeat the one before or lie too far from it."""
     step = np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1)
-    from_start = np.linalg.norm(rows[1:, :2] - rows[0, :2], axis=1)
-    repeats = step < REPEATED
-    while repeats[-1] and from_start[-1] < CLOSING and len(repeats) > 2:
-        repeats, from_start = repeats[:-1], from_start[:-1]
-    for i in np.flatnonzero(repeats)[:1]:
+    for i in np.flatnonzero(step < REPEATED)[:1]:
         point = f"({rows[i, 0]:g}, {rows[i, 1]:g})"
         raise TrackError(f"{path}, line {lines[i + 1]}: the point {point} repeats the one before")
     for i in np.flatnonzero(step > MAX_STEP)[:1]:
@@ -191,8 +186,6 @@ def _check_steps(path: Path, rows: Array, lines: Sequence[int]) -> None:
 def _one_lap(rows: Array) -> Array:
     """The rows without those at the end that drive over the first ones again."""
     start = rows[0, :2]
-    while len(rows) > 3 and np.linalg.norm(rows[-1, :2] - start) < CLOSING:
-        rows = rows[:-1]
     step = np.diff(rows[:, :2], axis=0)
     length = np.linalg.norm(step, axis=1)
     to_start = start - rows[:-1, :2]
