@@ -51,7 +51,7 @@ PIXEL_ERROR = 0.29  # Standard deviation of a point within its pixel [px], unifo
 SLANT = 0.25
 # Offsets of the own direction's white lines from the yellow one [m]
 WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
-# Deviations of a line's pixels from its middle [m]: uniform over its width, and 0.03 m more for what
+# Deviations of a line's pixels from its middle [m]: uniform over its width, 0.03 m more for what
 # is not known of the white ones
 SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
 SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
