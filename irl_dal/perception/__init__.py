@@ -1,14 +1,7 @@
 """Perception: what the policy sees, with the learnable adaptive mask of the paper."""
 
 from irl_dal.perception.adaptive_mask import LearnableAdaptiveMask
-from irl_dal.perception.config import MaskNormalisation, PerceptionConfig
-from irl_dal.perception.encoder import DrivingFeaturesExtractor, ImageEncoder, LidarEncoder
+from irl_dal.perception.config import PerceptionConfig
+from irl_dal.perception.encoder import DrivingFeaturesExtractor
 
-__all__ = [
-    "DrivingFeaturesExtractor",
-    "ImageEncoder",
-    "LearnableAdaptiveMask",
-    "LidarEncoder",
-    "MaskNormalisation",
-    "PerceptionConfig",
-]
+__all__ = ["DrivingFeaturesExtractor", "LearnableAdaptiveMask", "PerceptionConfig"]

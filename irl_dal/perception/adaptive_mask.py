@@ -17,6 +17,10 @@ from torch import Tensor, nn
 
 from irl_dal.perception.config import PerceptionConfig
 
+SAFE_DISTANCE = 12.0
+"""d_safe of Eq. hazard_level [m]; the paper does not give it: where a car stops from 12 m/s at
+6 m/s^2."""
+
 EPSILON = 1e-6
 """The epsilon of Eq. mask_norm."""
 
@@ -43,8 +47,7 @@ class LearnableAdaptiveMask(nn.Module):
     def hazard_level(self, lidar: Tensor) -> Tensor:
         """Eq. hazard_level: scan (B, n) [m] to (B, 1) in [0, 1]; 1 is contact."""
         nearest = lidar.amin(dim=1, keepdim=True)
-        safe = self.config.safe_distance
-        return ((safe - nearest) / safe).clamp(0.0, 1.0)
+        return ((SAFE_DISTANCE - nearest) / SAFE_DISTANCE).clamp(0.0, 1.0)
 
     def lower_weight(self, speed_level: Tensor, hazard_level: Tensor) -> Tensor:
         """Eqs. modulation_factors and lower_weight, elementwise."""

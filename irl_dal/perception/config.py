@@ -6,6 +6,8 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
+from shield.arguments import check_positive
+
 MaskNormalisation = Literal["bounded", "printed"]
 
 
@@ -15,8 +17,6 @@ class PerceptionConfig:
 
     Attributes:
         max_speed: v_max of Eq. speed_norm [m/s]; the fastest command the actuators take.
-        safe_distance: d_safe of Eq. hazard_level [m]; the paper does not give it. The distance that
-            a car at `max_speed` needs to stop at 6 m/s^2.
         adaptive_mask: Whether the mask is the image's fourth channel; off for the ablation.
         normalisation: What Eq. mask_norm divides by: `bounded` the largest weight that the mask
             can have, `printed` the mask's own maximum, which cancels both learned factors.
@@ -27,11 +27,10 @@ class PerceptionConfig:
             the policy only through the mask.
 
     Raises:
-        ValueError: A value that cannot be meant.
+        ValueError: If a field is out of range.
     """
 
     max_speed: float = 12.0
-    safe_distance: float = 12.0
     adaptive_mask: bool = True
     normalisation: MaskNormalisation = "bounded"
     initial_alpha: float = 0.5
@@ -39,16 +38,11 @@ class PerceptionConfig:
     fuse_speed: bool = True
 
     def __post_init__(self) -> None:
-        for name in ("max_speed", "safe_distance"):
-            value = getattr(self, name)
-            if not (math.isfinite(value) and value > 0):
-                raise ValueError(f"`{name}` must be finite and positive. Got {value}.")
+        check_positive(ValueError, max_speed=self.max_speed)
         if not (math.isfinite(self.initial_alpha) and self.initial_alpha > -1):
             raise ValueError(
                 f"`initial_alpha` must be finite and above -1. Got {self.initial_alpha}."
             )
-        if self.normalisation not in get_args(MaskNormalisation):
-            raise ValueError(
-                f"`normalisation` must be one of {get_args(MaskNormalisation)}. "
-                f"Got {self.normalisation!r}."
-            )
+        known = get_args(MaskNormalisation)
+        if self.normalisation not in known:
+            raise ValueError(f"`normalisation` must be one of {known}. Got {self.normalisation!r}.")

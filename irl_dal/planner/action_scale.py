@@ -3,11 +3,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from shield import ActuatorLimits
-
-Array = NDArray[np.float64]
 
 
 class ActionScale:

@@ -16,13 +16,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from shield.arguments import check_positive, check_within
 
 __all__ = ["ActionBlend", "BlendConfig"]
-
-Array = NDArray[np.float64]
 
 SMOOTHING = 0.5
 """Share of the new weight in its exponential moving average; the paper does not give it."""

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from shield import (
     ClearanceEstimate,
     LaneEstimate,
@@ -15,8 +16,6 @@ from shield import (
     ScannerGeometry,
     VehicleGeometry,
 )
-
-Array = NDArray[np.float64]
 
 CONTEXT_SIZE = 64
 """Table II of the paper's text: c_t has 64 entries."""

@@ -13,13 +13,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.sampler import Refinement
 from shield.arguments import check_positive, check_within
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

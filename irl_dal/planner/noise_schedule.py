@@ -19,7 +19,7 @@ from typing import Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
+from irl_dal.planner.arrays import Array
 
 ScheduleKind = Literal["cosine", "printed"]
 

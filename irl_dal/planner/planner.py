@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.blend import ActionBlend
 from irl_dal.planner.config import PlannerConfig
 from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
@@ -34,8 +34,6 @@ from shield import (
     Status,
 )
 from shield.projection.fallback import FallbackPlan
-
-Array = NDArray[np.float64]
 
 SIMULATED_TIME_DEADLINE = 10.0
 """Longest time for a projection without a deadline [s]: a busy machine must not change a result."""

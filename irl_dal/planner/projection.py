@@ -23,13 +23,11 @@ from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irl_dal.planner.action_scale import ActionScale
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.sampler import Refinement
 from shield import ActuatorLimits, HorizonProjector, Projection
-
-Array = NDArray[np.float64]
 
 ProjectionMode = Literal["none", "final", "x0", "xt", "adaptive"]
 

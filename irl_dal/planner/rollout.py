@@ -10,8 +10,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from irl_dal.shortcuts import compiled
 
 __all__ = [
@@ -25,8 +25,6 @@ __all__ = [
     "road_gradient",
     "road_rollout",
 ]
-
-Array = NDArray[np.float64]
 
 
 class BrakingTail(NamedTuple):

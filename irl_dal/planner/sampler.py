@@ -21,9 +21,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.noise_schedule import NoiseSchedule
-
-Array = NDArray[np.float64]
 
 Prediction = Literal["x0", "epsilon"]
 

@@ -5,15 +5,11 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from irl_dal.planner.action_scale import ActionScale
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.config import EnergyConfig
 from shield import ActuatorLimits
-
-Array = NDArray[np.float64]
 
 
 class Energy(ABC):

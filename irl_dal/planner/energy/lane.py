@@ -6,8 +6,9 @@ import math
 
 import numpy as np
 
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.context import PlanningContext, hazard
-from irl_dal.planner.energy.base import Array, Energy
+from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.open_lanes import open_lanes
 from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from irl_dal.planner.arrays import Array
 from irl_dal.planner.context import PlanningContext
-from irl_dal.planner.energy.base import Array, Energy
+from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.clearance import ClearanceEnergy, clearance_weight
 from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.lane import LaneEnergy, lane_weight

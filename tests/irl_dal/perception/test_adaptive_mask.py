@@ -18,17 +18,17 @@ def bottom_row(mask: LearnableAdaptiveMask, speed: float, nearest: float) -> tor
 
 def test_levels_are_the_paper_s() -> None:
     """Speed and hazard level follow Eqs. speed_norm and hazard_level, clipped to [0, 1]."""
-    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0, safe_distance=8.0))
+    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0))
     speeds = torch.tensor([[-1.0], [0.0], [5.0], [20.0]])
     np.testing.assert_allclose(mask.speed_level(speeds)[:, 0], [0.0, 0.0, 0.5, 1.0])
-    scans = torch.tensor([[40.0, 40.0], [9.0, 6.0], [0.0, 3.0]])
+    scans = torch.tensor([[40.0, 40.0], [9.0, 12.5], [0.0, 3.0]])
     np.testing.assert_allclose(mask.hazard_level(scans)[:, 0], [0.0, 0.25, 1.0])
 
 
 def test_mask_equals_an_independent_recomputation() -> None:
     """The bounded mask is y / (H - 1) times both factors over their largest product."""
-    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0, safe_distance=8.0))
-    got = mask(torch.tensor([[5.0]]), torch.full((1, 180), 6.0), ROWS)
+    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0))
+    got = mask(torch.tensor([[5.0]]), torch.full((1, 180), 9.0), ROWS)
     rows = np.arange(ROWS) / (ROWS - 1)
     expected = rows * (1 + 0.5 * 0.5) * (1 + 0.5 * 0.25) / (1.5 * 1.5)
     assert got.shape == (1, 1, ROWS, 1)
@@ -37,8 +37,8 @@ def test_mask_equals_an_independent_recomputation() -> None:
 
 def test_both_alphas_have_a_gradient() -> None:
     """The gradient d mask / d alpha is the analytic derivative, and not zero, for both alphas."""
-    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0, safe_distance=8.0))
-    bottom_row(mask, speed=5.0, nearest=6.0).backward()
+    mask = LearnableAdaptiveMask(PerceptionConfig(max_speed=10.0))
+    bottom_row(mask, speed=5.0, nearest=9.0).backward()
     assert mask.alpha_speed.grad is not None and mask.alpha_lidar.grad is not None
     speed_share = (1 + 0.5 * 0.5) / 1.5
     hazard_share = (1 + 0.5 * 0.25) / 1.5
@@ -86,7 +86,7 @@ def test_mask_stays_in_the_unit_interval(normalisation: str, alpha: float) -> No
     ("name", "value"),
     [
         ("max_speed", 0.0),
-        ("safe_distance", float("nan")),
+        ("max_speed", float("nan")),
         ("initial_alpha", -2.0),
     ],
 )
