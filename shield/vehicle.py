@@ -16,7 +16,6 @@ The lateral acceleration of the rear axle is :math:`v\dot\psi = v^2\tan\delta/L`
 """
 
 from dataclasses import dataclass
-from typing import Any
 
 import casadi
 import numpy as np
@@ -25,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from shield.arguments import as_array, as_horizon, check_positive
 from shield.errors import InvalidLimits
 
-__all__ = ["KinematicBicycle", "LateralRows", "VehicleGeometry"]
+__all__ = ["KinematicBicycle", "VehicleGeometry"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +72,6 @@ class KinematicBicycle:
         dynamics: ``(state (3,), command (2,)) -> derivative (3,)``, a `casadi.Function`.
         step: ``(state (3,), command (2,)) -> next state (3,)``, one RK4 step of `dt`.
         lateral_acceleration: ``command (2,) -> v² tan δ / L`` [m/s²].
-        lateral_jacobian: ``command (2,) -> (1, 2)`` derivative of the former.
 
     Raises:
         InvalidLimits: `wheelbase` or `dt` is not positive and finite.
@@ -92,9 +90,6 @@ class KinematicBicycle:
         self.step = casadi.Function("step", [state, command], [self._rk4(state, command)])
         lateral = speed * yaw_rate
         self.lateral_acceleration = casadi.Function("lateral_acceleration", [command], [lateral])
-        self.lateral_jacobian = casadi.Function(
-            "lateral_jacobian", [command], [casadi.jacobian(lateral, command)]
-        )
 
     def _rk4(self, state: casadi.SX, command: casadi.SX) -> casadi.SX:
         """Return one classical Runge-Kutta step; exact in ψ, fourth order in x and y."""
@@ -121,47 +116,3 @@ class KinematicBicycle:
         actions = as_horizon("commands", commands)
         states = self.step.mapaccum(actions.shape[0])(pose, actions.T)
         return np.array(states.full().T)
-
-
-class LateralRows:
-    """Lateral accelerations of a horizon and their derivatives, called through CasADi buffers.
-
-    A CasADi call with numpy arguments costs some ten microseconds of conversions; a call through
-    its buffer interface reads and writes preallocated arrays and costs about one.
-
-    Args:
-        bicycle: The vehicle model.
-        horizon: Number of commands H.
-
-    Attributes:
-        commands: Input buffer, shape (H, 2).
-        values: Output buffer, v² tan δ / L at each step [m/s²], shape (H,).
-        gradient: Output buffer, derivative with respect to the step's (δ, v), shape (H, 2).
-        hessian: Output buffer, second derivative, shape (H, 2, 2).
-    """
-
-    def __init__(self, bicycle: KinematicBicycle, horizon: int) -> None:
-        """Allocate the buffers and bind them to the CasADi function."""
-        command = casadi.SX.sym("command", 2)
-        value = bicycle.lateral_acceleration(command)
-        hessian, gradient = casadi.hessian(value, command)
-        single = casadi.Function(
-            "lateral_rows", [command], [value, gradient, casadi.densify(hessian)]
-        )
-        self._function = single.map(horizon)
-        self.commands = np.zeros((horizon, 2))
-        self.values = np.zeros(horizon)
-        self.gradient = np.zeros((horizon, 2))
-        self.hessian = np.zeros((horizon, 2, 2))
-        # CasADi stores columns first: its (2, H) is the (H, 2) of numpy.
-        buffer: Any
-        buffer, self._call = self._function.buffer()
-        buffer.set_arg(0, self.commands.data)
-        buffer.set_res(0, self.values.data)
-        buffer.set_res(1, self.gradient.data)
-        buffer.set_res(2, self.hessian.data)
-        self._buffer = buffer
-
-    def evaluate(self) -> None:
-        """Fill the output buffers for the present content of `commands`."""
-        self._call()

@@ -10,10 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from shield.bench.estimation import tracking_against_raw
-from shield.bench.projection import growth, single_against_bare
+from shield.bench.projection import single_against_bare
 from shield.limits.actuator_limits import ActuatorLimits
-
-HORIZONS = [4, 8, 16, 32, 64]
 
 
 def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
@@ -31,14 +29,12 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
     )
     parser.add_argument("--out", type=Path, default=Path("runs/shield-bench"), metavar="FOLDER")
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--quick", action="store_true", help="few problems, no growth curve")
+    parser.add_argument("--quick", action="store_true", help="few problems")
     options = parser.parse_args(arguments)
     rng, quick = np.random.default_rng(options.seed), options.quick
     values: dict[str, float] = {}
     if options.what != "estimation":
         values |= single_against_bare(ActuatorLimits(), 8, 50 if quick else 500, rng)
-        if not quick:
-            values |= growth(ActuatorLimits(), HORIZONS, rng)
         _print_table("one horizon, H = 8", values)
     if options.what != "projection":
         tracking = tracking_against_raw(rng, drives=5 if quick else 50)

@@ -18,7 +18,7 @@ from shield.limits.constraint import Constraint, RowStack
 from shield.limits.rate import RateLimit
 from shield.projection.projector import HorizonProjector
 
-__all__ = ["growth", "single_against_bare"]
+__all__ = ["single_against_bare"]
 
 Array = NDArray[np.float64]
 
@@ -84,34 +84,19 @@ def single_against_bare(
     return result
 
 
-def growth(
-    limits: ActuatorLimits, horizons: list[int], rng: np.random.Generator
-) -> dict[str, float]:
-    """Time horizons of several lengths, all limits; return mean milliseconds of a call by H."""
-    result = {}
-    for horizon in horizons:
-        projector = HorizonProjector(limits, horizon, deadline=_TIME_LIMIT)
-        nominals, previous = random_problems(limits, horizon, 50, rng)
-        (timing,) = take_turns([_run(projector, nominals, previous)], 50, rounds=2)
-        result[f"horizon_{horizon}_ms"] = 1e3 * float(timing.best.mean())
-    return result
-
-
 def _all_limits(
     name: str, limits: ActuatorLimits, problems: tuple[Array, Array]
 ) -> dict[str, float]:
     """Time `project` with the lateral bound."""
     nominals, previous = problems
     projector = HorizonProjector(limits, nominals.shape[1], deadline=_TIME_LIMIT)
-    (timing,) = take_turns([_run(projector, nominals, previous)], len(nominals), _ROUNDS)
+    (timing,) = take_turns(
+        [lambda index: projector.project(nominals[index], previous[index])], len(nominals), _ROUNDS
+    )
     return {
         f"project_lateral_{name}_violations": _violations(projector, nominals, previous),
         **_milliseconds(f"project_lateral_{name}", timing),
     }
-
-
-def _run(projector: HorizonProjector, nominals: Array, previous: Array) -> Callable[[int], object]:
-    return lambda index: projector.project(nominals[index], previous[index])
 
 
 def _violations(projector: HorizonProjector, nominals: Array, previous: Array) -> int:

@@ -118,35 +118,17 @@ class ShieldedVectorEnv(VectorWrapper):
 
     Args:
         env: Vectorised environment.
-        limits: As in `ShieldedEnv`, like all that follows.
-        normalised: Whether actions are normalised.
-        rate: Largest rates of change per second.
-        dt: Control period [s].
-        low: Lower bounds.
-        high: Upper bounds.
-        rest: Action or command that counts as executed at `reset`.
+        *arguments: As in `ShieldedEnv`.
+        **options: As in `ShieldedEnv`.
 
     Raises:
-        InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
-            not one of two, or an argument would have no effect.
-        InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
+        InvalidProblem: As in `ShieldedEnv`.
+        InvalidLimits: As in `ShieldedEnv`.
     """
 
-    def __init__(
-        self,
-        env: VectorEnv[Any, Any, Any],
-        limits: ActuatorLimits | Mapping[str, Any] | None = None,
-        *,
-        normalised: bool | None = None,
-        rate: ArrayLike | None = None,
-        dt: float | None = None,
-        low: ArrayLike | None = None,
-        high: ArrayLike | None = None,
-        rest: ArrayLike | None = None,
-    ) -> None:
+    def __init__(self, env: VectorEnv[Any, Any, Any], *arguments: Any, **options: Any) -> None:
         super().__init__(env)
-        bounds = _Bounds(limits, normalised, rate, dt, low, high, rest)
-        make = bounds.filter_factory(env.single_action_space)
+        make = _Bounds(*arguments, **options).filter_factory(env.single_action_space)
         self._shields = [make() for _ in range(env.num_envs)]
         self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
         self._ended = np.zeros(env.num_envs, dtype=bool)
@@ -200,13 +182,13 @@ class ShieldedVectorEnv(VectorWrapper):
 class _Bounds:
     """The arguments of both wrappers."""
 
-    limits: ActuatorLimits | Mapping[str, Any] | None
-    normalised: bool | None
-    rate: ArrayLike | None
-    dt: float | None
-    low: ArrayLike | None
-    high: ArrayLike | None
-    rest: ArrayLike | None
+    limits: ActuatorLimits | Mapping[str, Any] | None = None
+    normalised: bool | None = None
+    rate: ArrayLike | None = None
+    dt: float | None = None
+    low: ArrayLike | None = None
+    high: ArrayLike | None = None
+    rest: ArrayLike | None = None
 
     def plain(self) -> dict[str, Any]:
         """Return them as what JSON can hold."""

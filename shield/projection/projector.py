@@ -21,7 +21,7 @@ from shield.limits.rate import RateLimit
 from shield.projection.certificate import Projection, Status
 from shield.projection.fallback import braking_targets
 from shield.projection.repair import is_admissible, repair, worst_excess
-from shield.projection.solvers import Answer, QPSolver, SolverFactory, make_solver
+from shield.projection.solvers import Answer, Program, QPSolver, SolverFactory, make_solver
 
 __all__ = ["HorizonProjector"]
 
@@ -100,7 +100,7 @@ class HorizonProjector:
             )
         check_positive(InvalidProblem, tolerance=tolerance, deadline=deadline)
         self.limits, self.horizon = limits, int(horizon)
-        self.weights = _checked_weights(limits, weights)
+        self.weights = limits.step_weights if weights is None else _checked_weights(weights)
         self.deadline, self.tolerance = float(deadline), float(tolerance)
         self.constraints = tuple(constraints)
         self._choice = solver
@@ -136,6 +136,7 @@ class HorizonProjector:
         self._solver.reset()
         self._soft = None
 
+    @np.errstate(all="ignore")
     def project(self, nominal: ArrayLike, previous: ArrayLike) -> Projection:
         """Return the nearest admissible horizon.
 
@@ -152,35 +153,8 @@ class HorizonProjector:
         begin = time.perf_counter()
         target = as_array("nominal", nominal, (self.horizon, 2))
         last = as_array("previous", previous, (2,))
-        return self._project(target, last, begin)
-
-    def project_batch(self, nominals: ArrayLike, previous: ArrayLike) -> tuple[Projection, ...]:
-        """Project B horizons, one after the other, each with a deadline of its own.
-
-        Args:
-            nominals: Commands to be near to [rad, m/s], shape (B, H, 2), any values.
-            previous: Last executed command, shape (2,) for all or (B, 2) [rad, m/s].
-
-        Raises:
-            InvalidProblem: A shape or a type does not fit.
-        """
-        targets = as_array("nominals", nominals)
-        if targets.ndim != 3 or targets.shape[1:] != (self.horizon, 2):
-            raise InvalidProblem(
-                f"`nominals` must have shape (B, {self.horizon}, 2). Got {targets.shape}."
-            )
-        lasts = as_array("previous", previous)
-        if lasts.shape not in {(2,), (len(targets), 2)}:
-            raise InvalidProblem(
-                f"`previous` must have shape (2,) or ({len(targets)}, 2). Got {lasts.shape}."
-            )
-        pairs = zip(targets, np.broadcast_to(lasts, (len(targets), 2)), strict=True)
-        return tuple(self._project(target, last, time.perf_counter()) for target, last in pairs)
-
-    @np.errstate(all="ignore")
-    def _project(self, target: Array, last: Array, begin: float) -> Projection:
-        """Return the nearest admissible horizon."""
         steering, speed, note = self._usable_previous(*last.tolist())
+
         flat: list[float] = target.ravel().tolist()
         finite = math.isfinite(sum(flat)) or all(map(math.isfinite, flat))
         if not finite:
@@ -203,6 +177,29 @@ class HorizonProjector:
         elapsed = time.perf_counter() - begin
         return Projection(actions, status, correction, excess, elapsed, reason, violations)
 
+    def project_batch(self, nominals: ArrayLike, previous: ArrayLike) -> tuple[Projection, ...]:
+        """Project B horizons, one after the other, each with a deadline of its own.
+
+        Args:
+            nominals: Commands to be near to [rad, m/s], shape (B, H, 2), any values.
+            previous: Last executed command, shape (2,) for all or (B, 2) [rad, m/s].
+
+        Raises:
+            InvalidProblem: A shape or a type does not fit.
+        """
+        targets = as_array("nominals", nominals)
+        if targets.ndim != 3 or targets.shape[1:] != (self.horizon, 2):
+            raise InvalidProblem(
+                f"`nominals` must have shape (B, {self.horizon}, 2). Got {targets.shape}."
+            )
+        lasts = as_array("previous", previous)
+        if lasts.shape not in {(2,), (len(targets), 2)}:
+            raise InvalidProblem(
+                f"`previous` must have shape (2,) or ({len(targets)}, 2). Got {lasts.shape}."
+            )
+        pairs = zip(targets, np.broadcast_to(lasts, (len(targets), 2)), strict=True)
+        return tuple(self.project(target, last) for target, last in pairs)
+
     def _usable_previous(self, steering: float, speed: float) -> tuple[float, float, str]:
         """Return a finite previous command, and a note when it had to be assumed."""
         if math.isfinite(steering) and math.isfinite(speed):
@@ -223,9 +220,8 @@ class HorizonProjector:
         """Return full braking, for a nominal that is not finite somewhere."""
         index, value = next(item for item in enumerate(flat) if not math.isfinite(item[1]))
         targets = braking_targets(self.limits, steering, self.horizon)
-        step, channel = divmod(index, 2)
         commands = repair(self.limits, targets, steering, speed).commands
-        return commands, f"nominal[{step}, {channel}] is {value}: braking"
+        return commands, f"nominal[{index // 2}, {index % 2}] is {value}: braking"
 
     def _keeps_all(self, target: Array, flat: list[float], steering: float, speed: float) -> bool:
         """Tell whether a horizon keeps the limits exactly and other rows to the tolerance."""
@@ -313,13 +309,13 @@ class HorizonProjector:
         if not soft:
             entries = rows.value if self._is_stale else None
             self._is_stale = False
-            return self._solver.solve(q, lower, upper, entries, fine=fine)
+            return self._solver.solve(Program(q, lower, upper, entries), fine=fine)
         slacks = len(lower) - rows.spans[self._built_in].start
         if self._soft is None:
             self._soft = self._make_solver(slacks)
         entries = np.concatenate([rows.value, np.ones(slacks)])
         padded = np.concatenate([q, np.zeros(slacks)])
-        answer = self._soft.solve(padded, lower, upper, entries, fine=fine)
+        answer = self._soft.solve(Program(padded, lower, upper, entries), fine=fine)
         return answer if answer.z is None else answer._replace(z=answer.z[: len(q)])
 
     def _make_solver(self, slacks: int = 0) -> QPSolver:
@@ -402,14 +398,8 @@ def _build(
     return HorizonProjector(limits, horizon, solver, **options)
 
 
-def _checked_weights(limits: ActuatorLimits, weights: ArrayLike | None) -> tuple[float, float]:
-    """Return weights as plain numbers, those of steps by default.
-
-    Raises:
-        InvalidProblem: They are not two positive numbers.
-    """
-    if weights is None:
-        return limits.step_weights
+def _checked_weights(weights: ArrayLike) -> tuple[float, float]:
+    """Return weights as plain numbers, or refuse them."""
     pair = as_array("weights", weights)
     if pair.shape != (2,) or not ((pair >= 1e-9) & (pair <= 1e9)).all():
         raise InvalidProblem(

@@ -22,6 +22,7 @@ from shield.limits.constraint import UNBOUNDED
 __all__ = [
     "Answer",
     "OsqpSolver",
+    "Program",
     "QPSolver",
     "QpsolversSolver",
     "SolverFactory",
@@ -50,6 +51,22 @@ _OPTIONS: dict[str, dict[str, float]] = {
 }
 
 
+class Program(NamedTuple):
+    """What changes from call to call.
+
+    Attributes:
+        q: Shape (n,).
+        lower: Shape (m,).
+        upper: Shape (m,), nowhere below `lower`.
+        entries: Entries of `A` in the order of its CSC pattern; None keeps the last ones.
+    """
+
+    q: Array
+    lower: Array
+    upper: Array
+    entries: Array | None = None
+
+
 class Answer(NamedTuple):
     """What a solver found.
 
@@ -67,24 +84,8 @@ class Answer(NamedTuple):
 class QPSolver(Protocol):
     """A solver with a fixed pattern of rows."""
 
-    def solve(
-        self,
-        q: Array,
-        lower: Array,
-        upper: Array,
-        entries: Array | None = None,
-        *,
-        fine: bool = False,
-    ) -> Answer:
-        """Solve the problem with new vectors and, if given, new entries of `A`.
-
-        Args:
-            q: Shape (n,).
-            lower: Shape (m,).
-            upper: Shape (m,), nowhere below `lower`.
-            entries: Entries of `A` in the order of its CSC pattern; None keeps them.
-            fine: Whether the usual tolerance was not enough.
-        """
+    def solve(self, program: Program, *, fine: bool = False) -> Answer:
+        """Solve a program; `fine` says that the usual tolerance was not enough."""
         ...
 
     def reset(self) -> None:
@@ -163,15 +164,7 @@ class OsqpSolver:
         )
         self._is_cold, self._is_fine = True, False
 
-    def solve(
-        self,
-        q: Array,
-        lower: Array,
-        upper: Array,
-        entries: Array | None = None,
-        *,
-        fine: bool = False,
-    ) -> Answer:
+    def solve(self, program: Program, *, fine: bool = False) -> Answer:
         """Update the workspace and solve."""
         self._is_cold = False
         if fine is not self._is_fine:
@@ -179,9 +172,9 @@ class OsqpSolver:
             self._workspace.update_settings(eps_abs=tolerance, eps_rel=tolerance)
             self._is_fine = fine
         try:
-            if entries is not None:
-                self._workspace.update(Ax=entries)
-            self._workspace.update(q=q, l=lower, u=upper)
+            if program.entries is not None:
+                self._workspace.update(Ax=program.entries)
+            self._workspace.update(q=program.q, l=program.lower, u=program.upper)
             result = self._workspace.solve(raise_error=False)
         except osqp.OSQPException as error:
             self._set_up()
@@ -189,10 +182,10 @@ class OsqpSolver:
         status = result.info.status
         if status == "solved":
             return Answer(result.x, result.y, "")
-        if not (np.isfinite(result.x).all() and np.isfinite(result.y).all()):
+        usable = np.isfinite(result.x).all() and np.isfinite(result.y).all()
+        if not usable:
             self._set_up()
-            return Answer(None, None, f"osqp gave no solution: {status}")
-        if "infeasible" in status:
+        if not usable or "infeasible" in status:
             return Answer(None, None, f"osqp gave no solution: {status}")
         return Answer(result.x, result.y, f"osqp stopped early: {status}")
 
@@ -227,19 +220,11 @@ class QpsolversSolver:
     def reset(self) -> None:
         """Every problem starts cold: there is nothing to forget."""
 
-    def solve(
-        self,
-        q: Array,
-        lower: Array,
-        upper: Array,
-        entries: Array | None = None,
-        *,
-        fine: bool = False,
-    ) -> Answer:
+    def solve(self, program: Program, *, fine: bool = False) -> Answer:
         """Solve from scratch."""
-        if entries is not None:
-            self._matrix.data[:] = entries
-        rows = self._matrix.toarray()
+        if program.entries is not None:
+            self._matrix.data[:] = program.entries
+        rows, lower, upper = self._matrix.toarray(), program.lower, program.upper
         # What is divided by a small number is still no bound.
         above, below = upper < 1e-6 * UNBOUNDED, lower > -1e-6 * UNBOUNDED
         inequality: Any = np.vstack([rows[above], -rows[below]])
@@ -247,7 +232,7 @@ class QpsolversSolver:
             inequality = sparse.csc_matrix(inequality)
         bound = np.concatenate([upper[above], -lower[below]])
         try:
-            problem = qpsolvers.Problem(self._hessian, q, inequality, bound)
+            problem = qpsolvers.Problem(self._hessian, program.q, inequality, bound)
             solution = qpsolvers.solve_problem(problem, self._name, **self._options)
         except QPError as error:
             return Answer(None, None, f"{self._name} failed: {type(error).__name__}: {error}")

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from shield import InvalidLimits, InvalidProblem, KinematicBicycle, VehicleGeometry
-from shield.vehicle import LateralRows
 from tests.shield import tolerances
 
 BICYCLE = KinematicBicycle(2.7, 0.1)
@@ -24,30 +23,11 @@ def test_a_held_command_drives_a_circle() -> None:
     assert states[-1, 1] > 0.0, "steering to the left must drive to the left"
 
 
-def test_rows_agree_with_numpy_and_finite_differences(rng: np.random.Generator) -> None:
-    """Values, gradients and Hessians of v² tan δ / L, through the buffers."""
-    rows = LateralRows(BICYCLE, 8)
-    commands = rng.uniform([-0.5, -3.0], [0.5, 12.0], (8, 2))
-
-    def value(points: np.ndarray) -> np.ndarray:
-        return points[:, 1] ** 2 * np.tan(points[:, 0]) / 2.7
-
-    rows.commands[:] = commands
-    rows.evaluate()
-    assert rows.values == pytest.approx(value(commands), rel=tolerances.MODEL)
-    gradient, hessian = rows.gradient.copy(), rows.hessian.copy()
-    for channel in range(2):
-        step = np.zeros(2)
-        step[channel] = 1e-6
-        slope = (value(commands + step) - value(commands - step)) / 2e-6
-        assert gradient[:, channel] == pytest.approx(slope, rel=tolerances.GRADIENT, abs=1e-7)
-        rows.commands[:] = commands + step
-        rows.evaluate()
-        ahead = rows.gradient.copy()
-        rows.commands[:] = commands - step
-        rows.evaluate()
-        bend = (ahead - rows.gradient) / 2e-6
-        assert hessian[:, channel] == pytest.approx(bend, rel=tolerances.GRADIENT, abs=1e-6)
+def test_the_lateral_acceleration_agrees_with_numpy(rng: np.random.Generator) -> None:
+    """v² tan δ / L at any command."""
+    for steering, speed in rng.uniform([-0.5, -3.0], [0.5, 12.0], (20, 2)):
+        got = float(BICYCLE.lateral_acceleration([steering, speed]))
+        assert got == pytest.approx(speed**2 * np.tan(steering) / 2.7, rel=tolerances.MODEL)
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])

@@ -11,6 +11,7 @@ from shield.limits.box import BoxLimit
 from shield.limits.constraint import RowStack
 from shield.limits.lateral import LateralLimit
 from shield.limits.rate import RateLimit
+from tests.shield import tolerances
 from tests.shield.oracles import quadratic_program
 from tests.shield.strategies import CITY, Array
 
@@ -70,6 +71,18 @@ def test_lateral_rows_are_never_looser_than_the_bound(rng: np.random.Generator) 
         keeps_rows = bool((own.matrix @ actions.ravel() <= own.upper * (1.0 + 1e-12)).all())
         assert keeps_rows == (CITY.lateral_acceleration(actions).max() <= 4.0 * (1.0 + 1e-12))
     assert 0 < kept < 2000
+
+
+def test_lateral_rows_have_the_gradient_of_finite_differences(rng: np.random.Generator) -> None:
+    """Of v² tan δ, the bound times the wheelbase, at points of the curve."""
+    speed = rng.uniform(6.0, 12.0, 8)
+    actions = np.column_stack([np.arctan(10.8 / speed**2), speed])
+    matrix = LateralLimit(CITY, 8).rows(actions, np.zeros(2)).matrix.toarray()
+    for channel, step in enumerate(1e-6 * np.eye(2)):
+        ahead, behind = (CITY.lateral_acceleration(actions + sign * step) for sign in (1, -1))
+        slope = (ahead - behind) / 2e-6
+        got = matrix[np.arange(8), 2 * np.arange(8) + channel]
+        assert got == pytest.approx(slope, rel=tolerances.GRADIENT)
 
 
 class Random:

@@ -16,7 +16,7 @@ from qpsolvers.exceptions import SolverError
 from scipy import sparse
 
 from shield import HorizonProjector, Projection, SafetyFilter, Status
-from shield.projection.solvers import Answer, OsqpSolver, QpsolversSolver
+from shield.projection.solvers import Answer, OsqpSolver, Program, QpsolversSolver
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
 
@@ -43,9 +43,9 @@ class Scripted:
         """Be its own factory."""
         return self
 
-    def solve(self, q: Array, lower: Array, *_: Any, fine: bool = False) -> Answer:
+    def solve(self, program: Program, *, fine: bool = False) -> Answer:
         """Answer from the script."""
-        return self._answer(q, len(lower))
+        return self._answer(program.q, len(program.lower))
 
     def reset(self) -> None:
         """Nothing to forget."""
@@ -174,8 +174,8 @@ def test_osqp_recovers_from_nan() -> None:
     """A problem full of NaN does not poison the next one."""
     solver = OsqpSolver(np.ones(2), sparse.identity(2, format="csc"), 1.0)
     low, high = np.zeros(2), np.ones(2)
-    assert solver.solve(np.full(2, np.nan), low, high).z is None
-    answer = solver.solve(np.full(2, -1.5), low, high)
+    assert solver.solve(Program(np.full(2, np.nan), low, high)).z is None
+    answer = solver.solve(Program(np.full(2, -1.5), low, high))
     assert answer.reason == ""
     assert answer.z == pytest.approx([1.0, 1.0], abs=1e-6)
     assert answer.y == pytest.approx([0.5, 0.5], abs=1e-6)
@@ -189,8 +189,8 @@ def test_solvers_of_qpsolvers_give_the_multipliers_of_osqp(
     pytest.importorskip(name)
     matrix = sparse.csc_matrix(np.vstack([np.eye(3), rng.normal(size=(2, 3))]))
     low, high, q = np.full(5, -0.5), np.full(5, 0.7), 3.0 * rng.normal(size=3)
-    ours = OsqpSolver(np.ones(3), matrix, PATIENT).solve(q, low, high)
-    other = QpsolversSolver(name, np.ones(3), matrix, PATIENT).solve(q, low, high)
+    ours = OsqpSolver(np.ones(3), matrix, PATIENT).solve(Program(q, low, high))
+    other = QpsolversSolver(name, np.ones(3), matrix, PATIENT).solve(Program(q, low, high))
     assert ours.z == pytest.approx(other.z, abs=1e-5)
     assert ours.y == pytest.approx(other.y, abs=1e-4)
 
