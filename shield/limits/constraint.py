@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
+from scipy.optimize import nnls
 
 from shield.errors import InvalidProblem
 
@@ -20,6 +21,7 @@ __all__ = ["UNBOUNDED", "Constraint", "RowStack", "Rows"]
 Array = NDArray[np.float64]
 
 UNBOUNDED = 1e30  # [-] the infinity of OSQP: a bound that is none
+_ACTIVE = 1e-12  # [-] slack of an active row, relative: rounding errors of a repaired command
 _LARGE = 1e20  # [-] bounds from here on are none, whatever they were divided by
 
 
@@ -153,6 +155,27 @@ class RowStack:
         residual = weights * (z - goal) + self.transposed_times(y)
         slack = np.abs(y) @ np.abs(bound - self.times(z))
         return 0.5 * float(residual @ (residual / weights)) + float(slack)
+
+    def multipliers(self, z: Array, goal: Array, weights: Array) -> Array:
+        """Return the multipliers of active rows, shape (m,), that leave the least residual at `z`.
+
+        Args:
+            z: Scaled horizon, shape (2 H,).
+            goal: What it should be near to, scaled, shape (2 H,).
+            weights: Diagonal of W, shape (2 H,).
+        """
+        value, root = self.times(z), np.sqrt(weights)
+        near = _ACTIVE * (1.0 + np.abs(value))
+        above, below = self.upper - value < near, value - self.lower < near
+        matrix = np.zeros((len(value), len(z)))
+        matrix[self.row, self.column] = self.value
+        active = np.vstack([matrix[above], -matrix[below]])
+        y = np.zeros(len(value))
+        if len(active):
+            found, _ = nnls(active.T / root[:, None], root * (goal - z))
+            y[above] += found[: above.sum()]
+            y[below] -= found[above.sum() :]
+        return y
 
     def _check(self, constraint: Constraint, part: Rows) -> None:
         """Refuse rows that do not fit together or not the horizon."""

@@ -9,7 +9,6 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy import sparse
-from scipy.optimize import nnls
 
 from shield.arguments import as_array, check_positive
 from shield.errors import InvalidProblem
@@ -154,7 +153,6 @@ class HorizonProjector:
         target = as_array("nominal", nominal, (self.horizon, 2))
         last = as_array("previous", previous, (2,))
         steering, speed, note = self._usable_previous(*last.tolist())
-
         flat: list[float] = target.ravel().tolist()
         finite = math.isfinite(sum(flat)) or all(map(math.isfinite, flat))
         if not finite:
@@ -363,23 +361,16 @@ class HorizonProjector:
         return float(np.maximum(excess - self.tolerance, 0.0).max(initial=0.0))
 
     def _verify(self, found: _Found, target: Array) -> _Found:
-        """Judge a horizon at which the rows were just evaluated by multipliers of active rows."""
+        """Judge a horizon at which the rows were just evaluated by multipliers of its active rows.
+
+        For short horizons only: it takes the third power of their length.
+        """
         if 2 * self.horizon > _MAX_VERIFIED:
             return found
-        rows, z = self._rows, np.array(found.commands) / self._scale
-        value, root = rows.times(z), np.sqrt(self._diagonal)
-        above = np.flatnonzero(rows.upper - value < self.tolerance**2 + 1e-12 * np.abs(value))
-        below = np.flatnonzero(value - rows.lower < self.tolerance**2 + 1e-12 * np.abs(value))
-        matrix = np.zeros((len(rows.norm), len(z)))
-        matrix[rows.row, rows.column] = rows.value
-        active = np.vstack([matrix[above], -matrix[below]])
-        y = np.zeros(len(value))
-        if len(active):
-            # At an optimum the multipliers of the active rows cancel the pull to the target.
-            multipliers, _ = nnls(active.T / root[:, None], root * (target - z))
-            np.add.at(y, above, multipliers[: len(above)])
-            np.subtract.at(y, below, multipliers[len(above) :])
-        return self._judge(found.commands, target, y)
+        z = np.array(found.commands) / self._scale
+        return self._judge(
+            found.commands, target, self._rows.multipliers(z, target, self._diagonal)
+        )
 
     def _violations(self, actions: Array, previous: Array) -> tuple[float, ...]:
         """Return the largest excess of each of the caller's constraints in units of its rows."""
