@@ -1,7 +1,7 @@
 r"""The steering with which the flanks stay clear of what is beside the car.
 
 On a circle of radius R to the right the flank at the rear axle is the innermost part of the car.
-A thing at (x, y), x ahead of the rear axle and y to the right, stays inside of it if
+An obstacle at (x, y), x ahead of the rear axle and y to the right, stays inside of it if
 
 .. math:: x^2 + (R - y)^2 \le (R - h)^2 \iff \kappa = \frac1R \le \frac{2 (y - h)}{x^2 + y^2 - h^2}
 
@@ -22,7 +22,7 @@ __all__ = ["FLANK_MARGIN", "FlankBarrier"]
 Array = NDArray[np.float64]
 
 FLANK_MARGIN = 0.25  # [m] between the body and what it passes
-FLANK_REACH = 1.3  # [m] beside the body up to which a thing bounds the steering
+FLANK_REACH = 1.3  # [m] beside the body up to which an obstacle bounds the steering
 
 
 class FlankBarrier:

@@ -32,8 +32,8 @@ PEDESTRIAN_SPEED = 0.5, 2.5  # [m/s] slowest and fastest
 MIN_SIGHTINGS = 5  # scans from which a track's velocity counts
 MAX_VEHICLE_LENGTH = 7.0  # [m] longer clusters are walls and hedges, which stand
 MAX_TRACK_SPEED = 15.0  # [m/s] along the car; more is a mismatch of two clusters
-MEMORY_WIDTH = 3.5  # [m] sideways distance up to which things beside the car are remembered
-MEMORY_AHEAD = 2.0  # [m] things nearer than this ahead may be beside the car in the next scan
+MEMORY_WIDTH = 3.5  # [m] sideways distance up to which obstacles beside the car are remembered
+MEMORY_AHEAD = 2.0  # [m] obstacles nearer than this ahead may be beside the car in the next scan
 COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
 MIN_RETURNS = 5  # hits in view that cannot vanish all at once
 INTRUSION_SPEED = 5.0  # [m/s] of traffic that may enter unseen space
@@ -157,14 +157,11 @@ class Surroundings:
     def _carry(self, motion: _Motion) -> tuple[Array, Array]:
         """Move what is known by one period; return the points ahead and their speeds [m/s]."""
         near = (self.points[:, 0] < MEMORY_AHEAD) & (np.abs(self.points[:, 1]) < MEMORY_WIDTH)
-        beside = motion.carry(
-            np.concatenate([self.beside, self.points[near]]),
-            _along(np.concatenate([self._beside_pace, self._pace[near]])),
-        )
+        pace = np.concatenate([self._beside_pace, self._pace[near]])
+        beside = motion.carry(np.concatenate([self.beside, self.points[near]]), _along(pace))
         # What is ahead of the scanner is seen anew.
         kept = (beside[:, 0] < 0.0) & (beside[:, 0] > -self.scanner.mount)
-        pace = np.concatenate([self._beside_pace, self._pace[near]])[kept]
-        self.beside, self._beside_pace = beside[kept], pace
+        self.beside, self._beside_pace = beside[kept], pace[kept]
         # Unseen, a leading vehicle may brake: it counts as standing.
         approach = np.minimum(self._pace, 0.0)
         return motion.carry(self.points, _along(approach)), approach
@@ -217,5 +214,5 @@ def _nearby(beams: Mask) -> Mask:
 
 
 def _along(pace: Array) -> Array:
-    """Velocities (n, 2) of things that move along the car at `pace` (n,) [m/s]."""
+    """Velocities (n, 2) of obstacles that move along the car at `pace` (n,) [m/s]."""
     return np.stack([pace, np.zeros_like(pace)], axis=1)
