@@ -98,7 +98,13 @@ class RunConfig:
     evaluation: EvaluationConfig = field(default_factory=EvaluationConfig)
 
     def __post_init__(self) -> None:
-        """Keep the seeds of evaluation apart from those of training."""
+        """Keep the seeds of evaluation apart from those of training, the axles within the car."""
+        wheelbase, bumper = self.limits.wheelbase, self.env.vehicle.front_bumper
+        if wheelbase >= bumper:
+            raise ValueError(
+                f"`limits.wheelbase` must be below `env.vehicle.front_bumper` = {bumper}. "
+                f"Got {wheelbase}."
+            )
         last = self.evaluation.first_seed + self.evaluation.episodes - 1
         if last >= self.learning.first_seed:
             raise ValueError(

@@ -14,6 +14,7 @@ from irl_dal.envs.world import CameraPose, World
 # Where the camera flies and how far in front of the car it looks [m]
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 FIELD_OF_VIEW = 50.0  # [deg]
+WIDTH, HEIGHT = 640, 360  # [px]
 BEAM_HEIGHT = 0.6  # At which the LiDAR's rays are drawn [m]
 EVERY = 3  # One ray in so many is drawn
 CALM, RISKY = (90, 200, 140), (235, 70, 60)  # Colours of the rays and of the badge
@@ -35,8 +36,6 @@ def chase_view(
     mount: float,
     light: Illumination,
     overlay: Overlay,
-    width: int = 640,
-    height: int = 360,
 ) -> NDArray[np.uint8]:
     """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays, the overlay."""
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
@@ -46,14 +45,15 @@ def chase_view(
         eye=(float(eye[0]), float(eye[1]), ABOVE),
         target=(float(aim[0]), float(aim[1]), 0.5),
         field_of_view=FIELD_OF_VIEW,
-        width=width,
-        height=height,
+        width=WIDTH,
+        height=HEIGHT,
     )
     picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
-    _draw_rays(pen, scan, angles, mount, (width, height), RISKY if overlay.risky else CALM)
-    _draw_badge(pen, overlay, state.speed, width)
+    colour = RISKY if overlay.risky else CALM
+    _draw_rays(pen, scan, angles, mount, colour)
+    _draw_badge(pen, overlay.text, state.speed, colour)
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 
@@ -62,46 +62,36 @@ def _draw_rays(
     scan: Array,
     angles: Array,
     mount: float,
-    size: tuple[int, int],
     colour: tuple[int, int, int],
 ) -> None:
     """Rays that hit something, with a dot where they end."""
     farthest = float(scan.max(initial=0.0))
     hit = scan < max(farthest, 1.0) - 0.5
     hit[np.arange(len(hit)) % EVERY != 0] = False
-    origin = _project(np.array([[mount, 0.0, BEAM_HEIGHT]]), size)[0]
-    ends = np.stack(
-        [
-            mount + scan * np.cos(angles),
-            scan * np.sin(angles),
-            np.full(len(scan), BEAM_HEIGHT),
-        ],
-        axis=1,
-    )
-    for x, y in _project(ends[hit], size):
+    origin = _project(np.array([[mount, 0.0, BEAM_HEIGHT]]))[0]
+    x, y = mount + scan * np.cos(angles), scan * np.sin(angles)
+    ends = np.stack([x, y, np.full(len(scan), BEAM_HEIGHT)], axis=1)
+    for x, y in _project(ends[hit]):
         pen.line([(origin[0], origin[1]), (x, y)], fill=(*colour, 70), width=1)
         pen.ellipse([x - 2.0, y - 2.0, x + 2.0, y + 2.0], fill=(*colour, 220))
 
 
-def _draw_badge(pen: ImageDraw.ImageDraw, overlay: Overlay, speed: float, width: int) -> None:
+def _draw_badge(
+    pen: ImageDraw.ImageDraw, text: str, speed: float, colour: tuple[int, int, int]
+) -> None:
     """Speed and trigger in the upper left corner."""
-    words = f"{3.6 * speed:3.0f} km/h"
-    if overlay.text:
-        words += f"   {overlay.text}"
-    colour = RISKY if overlay.risky else CALM
-    pen.rounded_rectangle(
-        [8, 8, min(width - 8, 40 + 7 * len(words)), 32], 6, fill=(15, 18, 22, 170)
-    )
+    words = f"{3.6 * speed:3.0f} km/h" + (f"   {text}" if text else "")
+    right = min(WIDTH - 8, 40 + 7 * len(words))
+    pen.rounded_rectangle([8, 8, right, 32], 6, fill=(15, 18, 22, 170))
     pen.ellipse([15, 15, 25, 25], fill=(*colour, 255))
     pen.text((33, 14), words, fill=(240, 240, 240, 255))
 
 
-def _project(points: Array, size: tuple[int, int]) -> Array:
+def _project(points: Array) -> Array:
     """Pixels (n, 2) of points (n, 3) in the car's frame [m], x from the rear axle."""
-    width, height = size
-    focal = 0.5 * height / np.tan(0.5 * np.radians(FIELD_OF_VIEW))
+    focal = 0.5 * HEIGHT / np.tan(0.5 * np.radians(FIELD_OF_VIEW))
     pitch = np.arctan2(ABOVE - 0.5, BEHIND + AHEAD)
     x, y, z = points[:, 0] + BEHIND, points[:, 1], points[:, 2] - ABOVE
     depth = np.maximum(x * np.cos(pitch) - z * np.sin(pitch), 0.5)
     up = x * np.sin(pitch) + z * np.cos(pitch)
-    return np.stack([0.5 * width - focal * y / depth, 0.5 * height - focal * up / depth], axis=1)
+    return np.stack([0.5 * WIDTH - focal * y / depth, 0.5 * HEIGHT - focal * up / depth], axis=1)

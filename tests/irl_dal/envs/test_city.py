@@ -197,6 +197,14 @@ def test_the_command_line_names_the_key(key: str, value: float) -> None:
         parse(mapping)
 
 
+def test_the_axles_are_within_the_car() -> None:
+    """A wheelbase beyond the front bumper is refused before anything starts."""
+    mapping = to_mapping(RunConfig())
+    mapping["limits"]["wheelbase"] = 3.9
+    with pytest.raises(ConfigError, match=r"limits\.wheelbase.*3\.9"):
+        parse(mapping)
+
+
 def test_gymnasium_makes_it_from_plain_values() -> None:
     """A mapping, keyword arguments or a `CityConfig`, nested parts included; JSON and back."""
     reward = {"goal": 5.0}
@@ -227,7 +235,7 @@ def test_gymnasium_makes_it_from_plain_values() -> None:
     ("arguments", "says"),
     [
         ({"config": 3}, "`config` must be a CityConfig"),
-        ({"limits": 3}, "`limits` must be ActuatorLimits"),
+        ({"limits": 3}, "`limits` must be a"),
         ({"config": {"difficult": "hard"}}, "'difficult'"),
         ({"difficult": "hard"}, "'difficult'"),
         ({"reward": {"gaol": 1.0}}, "'gaol'"),
