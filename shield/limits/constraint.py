@@ -25,7 +25,7 @@ _ACTIVE = 1e-12  # [-] slack of an active row, relative: rounding errors of a re
 _LARGE = 1e20  # [-] bounds from here on are none, whatever they were divided by
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Rows:
     """Linear rows ``lower <= matrix @ z <= upper``.
 

@@ -73,12 +73,13 @@ class LateralLimit:
         gradient = self._gradient.copy()
         level = (gradient * touching).sum(axis=1)
         left = touching[:, 0] > 0.0
+        matrix: Any = gradient
+        if len(actions) > 1:  # of a single step the gradient is the whole matrix
+            entries = (gradient.ravel(), self._columns, self._starts)
+            shape = (len(actions), 2 * len(actions))
+            matrix = sparse.csr_matrix(entries, shape=shape, copy=False)
         return Rows(
-            sparse.csr_matrix(
-                (gradient.ravel(), self._columns, self._starts),
-                shape=(len(actions), 2 * len(actions)),
-                copy=False,
-            ),
+            matrix,
             np.where(left, -UNBOUNDED, level),
             np.where(left, level, UNBOUNDED),
         )

@@ -1,6 +1,6 @@
 """What a shield hands back: the command, and how far it can be trusted."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, fields
 from enum import StrEnum
 from typing import Any
 
@@ -29,8 +29,31 @@ class Status(StrEnum):
     FALLBACK = "fallback"
 
 
-@dataclass(frozen=True, slots=True)
-class Projection:
+class _Result:
+    """Results are equal if they say the same; the time that they took is no part of that."""
+
+    __slots__ = ()
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Result) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def _key(self) -> tuple[object, ...]:
+        """Return all that counts; arrays by their bytes, so that NaN equals itself."""
+        values = [getattr(self, part.name) for part in fields(self) if part.name != "solve_time"]  # type: ignore[arg-type]
+        arrays = [
+            (value.dtype.str, value.shape, value.tobytes())
+            if isinstance(value, np.ndarray)
+            else value
+            for value in values
+        ]
+        return type(self), *arrays
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Projection(_Result):
     """An admissible horizon.
 
     Attributes:
@@ -56,10 +79,8 @@ class Projection:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Certificate:
+class Certificate(_Result):
     """What the safety filter did to one command.
-
-    Two certificates are equal if they say the same; the time that it took is no part of that.
 
     Attributes:
         nominal_action: Command asked for [rad, m/s], shape (2,), read-only. In `shield.gym` an
@@ -79,23 +100,5 @@ class Certificate:
     reason: str
     correction: NDArray[np.float64]
     max_violation: float
-    solve_time: float = field(compare=False)
+    solve_time: float
     intervened: bool
-
-    def __eq__(self, other: object) -> bool:
-        if not isinstance(other, Certificate):
-            return NotImplemented
-        return self._key() == other._key()
-
-    def __hash__(self) -> int:
-        return hash(self._key())
-
-    def _key(self) -> tuple[object, ...]:
-        """Return what two equal certificates have in common; NaN equals itself."""
-        arrays = (self.nominal_action, self.safe_action)
-        return (
-            *((array.dtype.str, array.shape, array.tobytes()) for array in arrays),
-            self.status,
-            self.reason,
-            self.max_violation,
-        )

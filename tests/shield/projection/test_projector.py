@@ -291,3 +291,16 @@ def test_projection_is_idempotent(start: float, wish: list[float]) -> None:
     twice = projector(CITY, 8).project(once.actions, previous)
     assert twice.status is Status.NOMINAL
     assert twice.actions.tobytes() == once.actions.tobytes()
+
+
+def test_projections_compare_by_what_they_say() -> None:
+    """Equal where the actions are; the time of the call is no part of that."""
+    target = projector(CITY, 8)
+    first, second = (target.project(np.tile([0.0, 13.0], (8, 1)), GENTLE) for _ in range(2))
+    assert first.solve_time != second.solve_time
+    assert first.actions == pytest.approx(second.actions)
+    nominal = [target.project(np.tile(GENTLE, (8, 1)), GENTLE) for _ in range(2)]
+    assert nominal[0] == nominal[1]
+    assert hash(nominal[0]) == hash(nominal[1])
+    assert nominal[0] != first
+    assert nominal[0] != 1
