@@ -46,16 +46,9 @@ from numpy.typing import NDArray
 from scipy.spatial.distance import pdist
 
 from expert import Mode
+from irl_dal.evaluation import statistics
 from irl_dal.evaluation.episode import Episode, LoggedPlan
-from irl_dal.evaluation.statistics import (
-    Estimate,
-    Statistic,
-    balanced_mean,
-    estimate,
-    maximum,
-    ratio,
-    root_ratio,
-)
+from irl_dal.evaluation.statistics import Estimate, Statistic, estimate, ratio
 from irl_dal.loop import SOURCES
 from irl_dal.planner import Plan
 from irl_dal.planner.rollout import ego_rollout
@@ -204,32 +197,28 @@ _PlanRow = Callable[[Sequence[LoggedPlan], ActuatorLimits], Row]
 
 def _share(flag: Callable[[Episode], bool]) -> _EpisodeRow:
     """Rows for a share of episodes."""
-    return lambda episode, _limits: (float(flag(episode)), 1.0)
+    return lambda episode, _: (float(flag(episode)), 1.0)
 
 
 def _per_step(total: Callable[[Episode], float]) -> _EpisodeRow:
     """Rows for a mean over steps of something with a known sum per episode."""
-    return lambda episode, _limits: (float(total(episode)), float(episode.steps))
+    return lambda episode, _: (float(total(episode)), float(episode.steps))
 
 
 def _source(column: int) -> _EpisodeRow:
     """Rows for the share of a source's proposals that broke a bound."""
-
-    def row(episode: Episode, _limits: ActuatorLimits) -> Row:
-        proposals = episode.nominal_violations[:, column]
-        return float((proposals == 1).sum()), float((proposals >= 0).sum())
-
-    return row
+    return lambda episode, _: (
+        float((episode.nominal_violations[:, column] == 1).sum()),
+        float((episode.nominal_violations[:, column] >= 0).sum()),
+    )
 
 
 def _violations(commands: Callable[[Episode], Array]) -> _EpisodeRow:
     """Rows for the share of commands that break a bound."""
-
-    def row(episode: Episode, limits: ActuatorLimits) -> Row:
-        broken = map(limits.violated, commands(episode), episode.previous_command)
-        return float(sum(broken)), float(episode.steps)
-
-    return row
+    return lambda episode, limits: (
+        float(sum(map(limits.violated, commands(episode), episode.previous_command))),
+        float(episode.steps),
+    )
 
 
 def _correction(episode: Episode, limits: ActuatorLimits) -> Row:
@@ -256,7 +245,7 @@ def _lateral_acceleration(episode: Episode, limits: ActuatorLimits) -> Row:
 
 def _plan_share(flag: Callable[[Plan], bool]) -> _PlanRow:
     """Rows for a share of plans."""
-    return lambda plans, _limits: (float(sum(flag(p.plan) for p in plans)), float(len(plans)))
+    return lambda plans, _: (float(sum(flag(p.plan) for p in plans)), float(len(plans)))
 
 
 def _plan_violations(commands: Callable[[Plan], Array]) -> _PlanRow:
@@ -273,18 +262,17 @@ def _plan_violations(commands: Callable[[Plan], Array]) -> _PlanRow:
 
 
 def _plan_correction(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-    actions = np.array([entry.plan.actions for entry in plans]).reshape(-1, 2)
-    nominal = np.array([entry.plan.nominal for entry in plans]).reshape(-1, 2)
-    norms = np.linalg.norm(limits.to_action(actions) - limits.to_action(nominal), axis=1)
+    changes = [limits.to_action(p.actions) - limits.to_action(p.nominal) for p, _ in plans]
+    norms = np.linalg.norm(np.array(changes).reshape(-1, 2), axis=1)
     return float(norms.sum()), float(norms.size)
 
 
 def _plan_energy(energy: Callable[[Plan], float]) -> _PlanRow:
     """Rows for a mean energy."""
 
-    def row(plans: Sequence[LoggedPlan], _limits: ActuatorLimits) -> Row:
-        known = np.array([energy(entry.plan) for entry in plans])
-        known = known[np.isfinite(known)]
+    def row(plans: Sequence[LoggedPlan], _: ActuatorLimits) -> Row:
+        values = np.array([energy(entry.plan) for entry in plans])
+        known = values[np.isfinite(values)]
         return float(known.sum()), float(len(known))
 
     return row
@@ -295,8 +283,8 @@ def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
     if all(len(entry.plan.candidates) < 2 for entry in plans):
         return 0.0, 0.0
     total = 0.0
-    for entry in plans:
-        path = ego_rollout(entry.plan.candidates, limits.wheelbase, limits.dt)
+    for plan, _ in plans:
+        path = ego_rollout(plan.candidates, limits.wheelbase, limits.dt)
         ends = np.column_stack([path.x[:, -1], path.y[:, -1]])
         total += float(pdist(ends).mean()) if len(ends) > 1 else 0.0
     return total, float(len(plans))
@@ -349,12 +337,12 @@ def _normalized_return(rows: Array) -> Array:
 
 STATISTICS: dict[str, Statistic] = {
     **dict.fromkeys([*METRICS, *PLAN_METRICS, *(f"state_{name}" for name in PLAN_METRICS)], ratio),
-    "comfort_rms_jerk": root_ratio,
-    "comfort_max_lateral_acceleration": maximum,
-    "comfort_rms_steering_rate": root_ratio,
+    "comfort_rms_jerk": statistics.root_ratio,
+    "comfort_max_lateral_acceleration": statistics.maximum,
+    "comfort_rms_steering_rate": statistics.root_ratio,
     "ade_m": ratio,
     "fde_m": ratio,
     "normalized_return": _normalized_return,
-    "bc_loss": balanced_mean,
+    "bc_loss": statistics.balanced_mean,
 }
 """Name -> statistic of its rows, in the order in which the bootstrap draws."""
