@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -66,11 +66,8 @@ class ExpertAgent(Agent):
         return loop.step_expert()
 
 
-@dataclass(slots=True)
 class RandomAgent(Agent):
     """Actions drawn uniformly from the action space."""
-
-    _rng: np.random.Generator = field(default_factory=lambda: np.random.default_rng(0))
 
     def reset(self, seed: int) -> None:
         """The same seed draws the same actions."""

@@ -94,9 +94,8 @@ class Rig:
 
     def path(self, stretch: tuple[int, int, Array]) -> dict[str, Any]:
         """Distances from the expert's path; a stretch is the seed, step and pose of it."""
-        return {
-            "distances": compare_paths(self.loop, self.reference, self.agent, *stretch).tolist()
-        }
+        distances = compare_paths(self.loop, self.reference, self.agent, *stretch)
+        return {"distances": distances.tolist()}
 
     def close(self) -> None:
         """Leave the simulator."""

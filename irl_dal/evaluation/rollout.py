@@ -12,25 +12,12 @@ from irl_dal.evaluation.agents import Agent, ExpertAgent
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
 from irl_dal.loop import ControlLoop, Observation, Supervision
 
-__all__ = [
-    "Watcher",
-    "begin_episode",
-    "compare_paths",
-    "drive_episode",
-    "drive_expert",
-    "spread_steps",
-]
+__all__ = ["Watcher", "compare_paths", "drive_episode", "drive_expert", "spread_steps"]
 
 Array = NDArray[np.float64]
 
 Watcher = Callable[[Observation, Mapping[str, Any]], None]
 """Looks at the observation and `info` of the reset and of every step."""
-
-
-def begin_episode(loop: ControlLoop, agent: Agent, seed: int) -> tuple[Observation, dict[str, Any]]:
-    """Reset agent and loop with one seed."""
-    agent.reset(seed)
-    return loop.reset(seed=seed)
 
 
 def drive_episode(
@@ -44,7 +31,8 @@ def drive_episode(
         seed: Of the episode: road, traffic, light, noise of sensors and planner.
         watch: Called after the reset and after every step.
     """
-    observation, info = begin_episode(loop, agent, seed)
+    agent.reset(seed)
+    observation, info = loop.reset(seed=seed)
     recorder = EpisodeRecorder(seed, info)
     over = False
     while not over:
@@ -146,10 +134,11 @@ def _restore(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int, step: int
 ) -> tuple[Observation, dict[str, Any]]:
     """Bring the loop into the state after `step` steps of the expert, under the agent's watch."""
+    agent.reset(seed)
     try:
         with loop.under(reference):
             loop.city.camera_on = step == 0
-            observation, info = begin_episode(loop, agent, seed)
+            observation, info = loop.reset(seed=seed)
             for k in range(step):
                 loop.city.camera_on = k == step - 1
                 observation, _, _, _, info = loop.step_expert()
