@@ -27,7 +27,7 @@ from irl_dal.config import (
 )
 from shield import HorizonProjector
 
-MAX_FIELDS = 300
+MAX_FIELDS = 200
 """Of all dataclasses called ...Config together."""
 
 
