@@ -14,7 +14,13 @@ from dataclasses import fields
 from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
+from irl_dal.cli.overrides import (
+    apply_overrides,
+    explicit_overrides,
+    path_argument,
+    require_same,
+    require_writable,
+)
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
 from irl_dal.comparison.drive import Subject
 from irl_dal.comparison.store import ComparisonStore
@@ -53,6 +59,7 @@ def main() -> None:
 
 def _main(composed: DictConfig) -> None:
     subject = _subject(composed)
+    require_writable("out", subject.store.folder, folder=True)
     console = new_console()
     report = compare(subject, console)
     write_json(subject.store.report, report)

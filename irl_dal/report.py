@@ -16,7 +16,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import path_argument
+from irl_dal.cli.overrides import path_argument, require_writable
 from irl_dal.config import ConfigError
 from irl_dal.figures import FigureWithCaption, write_pictures
 from irl_dal.figures.sweep import draw_dynamics, draw_overlay, draw_scores
@@ -39,15 +39,17 @@ def _main(composed: DictConfig) -> None:
     runs, out, page = (path_argument(composed, key) for key in ("runs", "out", "page"))
     if runs is None:
         raise ConfigError("runs = None: name a folder of runs or of results")
-    if out is not None and out.is_file():
-        raise ConfigError(f"out = {str(out)!r}: is a file")
+    if not isinstance(composed.seed, int) or composed.seed < 0:
+        raise ConfigError(f"seed = {composed.seed!r}: must be a whole number from 0 on")
+    if out is not None:
+        require_writable("out", out, folder=True)
     console = new_console()
     collection = collect(runs, console)
     for path in collection.unfinished:
         console.print(f"not finished, left out: {path}", soft_wrap=True)
     if not collection.results:
         raise ConfigError(f"runs = {str(runs)!r}: no run is finished")
-    rng = np.random.default_rng(int(composed.seed))
+    rng = np.random.default_rng(composed.seed)
     found = numbers(collection, rng)
     for table in printed_tables(collection, found):
         console.print(table)

@@ -3,10 +3,11 @@ from pathlib import Path
 
 import pytest
 
-from irl_dal import evaluate, train
+from irl_dal import compare, evaluate, report, train
 from irl_dal.cli.command import new_console
 from irl_dal.config import RunConfig
 from irl_dal.storage.run_folder import create_run
+from tests.irl_dal.comparison.tiny import untrained_run
 
 Call = Callable[..., str]
 
@@ -73,3 +74,20 @@ def test_the_console_prints_names_as_they_are(capsys: pytest.CaptureFixture[str]
     """Square brackets and colons in a path are no markup."""
     new_console().print("runs/[red]x[/red]/:smile:", soft_wrap=True)
     assert capsys.readouterr().out == "runs/[red]x[/red]/:smile:\n"
+
+
+@pytest.mark.parametrize("seed", ["abc", "-1", "1.5", "null"])
+def test_the_seed_of_the_bootstrap_is_checked(console: Call, tmp_path: Path, seed: str) -> None:
+    """Before a run is read."""
+    line = console(report.main, f"runs={tmp_path}", f"seed={seed}")
+    assert line.startswith("error: seed = ")
+
+
+def test_a_folder_for_pages_that_cannot_be_made_is_refused_first(
+    console: Call, tmp_path: Path
+) -> None:
+    """Before anything is read or driven."""
+    (tmp_path / "file").touch()
+    assert "out = " in console(report.main, f"runs={tmp_path}", f"out={tmp_path}/file/out")
+    run = untrained_run(tmp_path / "runs" / "R")
+    assert "out = " in console(compare.main, f"run={run}", f"out={tmp_path}/file/out")
