@@ -28,7 +28,7 @@ __all__ = ["ReplayBatch", "ReplayBuffer", "Transition"]
 Indices = NDArray[np.int64]
 
 SOURCES = ("all", "expert", "corrected")
-"""Whom a sample may come from: everyone, stretches that the expert drove, intervened steps."""
+"""Sources of samples: all transitions, those that the expert drove, intervened steps."""
 
 
 class ReplayBuffer:
@@ -41,10 +41,7 @@ class ReplayBuffer:
     Args:
         capacity: Transitions over all partitions (Table II: 50,000).
         horizon: Length H of the planner's chunks (Table II: 8).
-        image_shape: Shape of a camera frame.
-        beams: LiDAR beams.
-        context_size: Entries of the planner's context.
-        held_out_every: One episode in so many is held out.
+        held_out_every: An episode in this many is held out.
 
     Raises:
         ValueError: If a size is not positive or `held_out_every` is below 2.
@@ -121,9 +118,9 @@ class ReplayBuffer:
             name: getattr(transition, name) for name in self._data if name != "serial"
         }
         for name in ("image", "lidar", "speed", "context", "label", "command"):
-            expected, found = self._data[name].shape[1:], np.shape(values[name])
-            if found != expected:
-                raise ValueError(f"`{name}` must have shape {expected}. Got {found}.")
+            expected, got = self._data[name].shape[1:], np.shape(values[name])
+            if got != expected:
+                raise ValueError(f"`{name}` must have shape {expected}. Got {got}.")
         self._insert(values | {"serial": self._counter})
 
     def sample(
@@ -142,7 +139,7 @@ class ReplayBuffer:
             size: Number B of transitions.
             balanced: Evenly over the modes that have any; otherwise each transition is as likely.
             held_out: Draw from the validation split.
-            source: "all", "expert" (the expert drove) or "corrected" (the planner intervened).
+            source: One of `SOURCES`.
 
         Raises:
             ValueError: If nothing qualifies or `source` is unknown.

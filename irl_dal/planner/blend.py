@@ -91,16 +91,13 @@ class ActionBlend:
         return min(1.0, base + (1.0 - base) * self.hazard(clearance, lane_deviation))
 
     def weight(self, clearance: float, lane_deviation: float, *, stalled: bool = False) -> float:
-        """The smoothed w_b of a step on which the planner is used.
+        """The smoothed w_b in [0, 1] of a step on which the planner is used.
 
         Args:
             clearance: d_min [m]; NaN counts as contact.
             lane_deviation: d_lane [m], of either sign; NaN counts as lost.
             stalled: Whether the policy stands still: then the planner drives alone, because a
                 share of the policy holds the wheels at an angle in between.
-
-        Returns:
-            Share of the planner's action, in [0, 1].
         """
         weight = 1.0 if stalled else self.instantaneous(clearance, lane_deviation)
         critical = clearance < self.config.critical_clearance or math.isnan(clearance)

@@ -121,15 +121,11 @@ class DiffusionPlanner:
         Raises:
             ValueError: A wrong shape.
         """
-        horizon = self.config.horizon
-        if contexts.ndim != 2 or contexts.shape[1] != CONTEXT_SIZE:
-            raise ValueError(
-                f"`contexts` must be (B, {CONTEXT_SIZE}). Got {tuple(contexts.shape)}."
-            )
-        if chunks.shape != (len(contexts), horizon, ACTION_SIZE):
-            raise ValueError(
-                f"`chunks` must be ({len(contexts)}, {horizon}, 2). Got {tuple(chunks.shape)}."
-            )
+        count = len(contexts)
+        sizes = {"contexts": (count, CONTEXT_SIZE), "chunks": (count, self.config.horizon, 2)}
+        for (name, size), given in zip(sizes.items(), (contexts, chunks), strict=True):
+            if given.shape != size:
+                raise ValueError(f"`{name}` must be {size}. Got {tuple(given.shape)}.")
         source = self.generator
         k = torch.randint(
             1, self._schedule.steps + 1, (len(chunks),), generator=source, device=source.device

@@ -14,18 +14,6 @@ import numpy as np
 from irl_dal.planner.arrays import Array
 from irl_dal.shortcuts import compiled
 
-__all__ = [
-    "NO_TAIL",
-    "BrakingTail",
-    "EgoRollout",
-    "LanePose",
-    "RoadRollout",
-    "ego_gradient",
-    "ego_rollout",
-    "road_gradient",
-    "road_rollout",
-]
-
 
 class BrakingTail(NamedTuple):
     """What comes after the last command of a plan: braking to a stop with the steering held.
@@ -39,14 +27,11 @@ class BrakingTail(NamedTuple):
     points: int = 4
 
     def driven(self, speed: float, others: Array) -> Array:
-        """How far others get that brake as hard, in seconds of their own speed.
+        """Time (points, P) [s] that times a velocity gives the way of others that brake as hard.
 
         Args:
             speed: Speed of the car when it begins to brake [m/s].
             others: Speeds of the others (P,) [m/s].
-
-        Returns:
-            (points, P) [s]: times a velocity, the way driven when the car is at each pose.
         """
         share = np.arange(1, self.points + 1)[:, None] / self.points
         time = abs(speed) / self.deceleration * (1.0 - np.sqrt(1.0 - share))
@@ -62,19 +47,16 @@ NO_TAIL = BrakingTail(1.0, 0)
 class EgoRollout(NamedTuple):
     """Poses of the rear axle in the frame in which it now stands at the origin, heading along x.
 
-    N is H plus the points of the braking tail. What follows the pose is for the derivative.
+    N is H plus the points of the braking tail. `cos` and `sin` of the middle heading of each step,
+    and the rest, are for the derivative.
 
     Attributes:
         x: Position after each step (B, N) [m].
         y: Position after each step (B, N) [m], left.
         heading: Heading after each step (B, N) [rad].
-        cos: Of the middle heading of each step (B, N).
-        sin: Of the middle heading of each step (B, N).
         along: Arc driven in each step (B, N) [m].
         per_speed: Its derivative with respect to the commanded speed (B, N) [s].
         bend: Curvature driven in each step (B, N) [1/m].
-        wheelbase: L [m].
-        horizon: H.
     """
 
     x: Array
@@ -93,14 +75,7 @@ class EgoRollout(NamedTuple):
 def ego_rollout(
     commands: Array, wheelbase: float, dt: float, tail: BrakingTail = NO_TAIL
 ) -> EgoRollout:
-    """Roll commands out in the ego frame.
-
-    Args:
-        commands: (B, H, 2) [rad, m/s].
-        wheelbase: L [m].
-        dt: Step [s].
-        tail: What follows the last command.
-    """
+    """Roll commands (B, H, 2) [rad, m/s] out in the ego frame, in steps of `dt` [s]."""
     batch, horizon, _ = commands.shape
     shape = (batch, horizon + tail.points)
     x, y, heading = np.empty(shape), np.empty(shape), np.empty(shape)
@@ -126,17 +101,7 @@ def ego_rollout(
 
 @compiled
 def ego_gradient(ego: EgoRollout, dx: Array, dy: Array, dheading: Array) -> Array:
-    """Gradient with respect to the commands from that with respect to the poses.
-
-    Args:
-        ego: The roll-out.
-        dx: Derivative with respect to `x` (B, N).
-        dy: Derivative with respect to `y` (B, N).
-        dheading: Derivative with respect to `heading` (B, N).
-
-    Returns:
-        (B, H, 2), per radian and per m/s.
-    """
+    """Gradient per command (B, H, 2), per radian and per m/s, from those per pose (B, N)."""
     batch, count = ego.x.shape
     gradient = np.zeros((batch, ego.horizon, 2))
     for b in range(batch):
@@ -175,19 +140,14 @@ class LanePose(NamedTuple):
 class RoadRollout(NamedTuple):
     """Lateral offset and heading error along the lane, to first order in offset * curvature.
 
-    What follows the heading is for the derivative.
+    `cos` and `sin` of the middle heading error of each step, and the rest, are for the derivative.
 
     Attributes:
         offset: Lateral offset after each step (B, H) [m], positive left of the home lane's centre.
         heading: Heading error after each step (B, H) [rad].
-        cos: Of the middle heading error of each step (B, H).
-        sin: Of the middle heading error of each step (B, H).
         along: Arc driven in each step (B, H) [m].
         steer: Curvature driven in each step (B, H) [1/m].
         bend: The same relative to the lane (B, H) [1/m].
-        wheelbase: L [m].
-        dt: Step [s].
-        curvature_rate: Of the lane [1/m^2].
     """
 
     offset: Array
@@ -204,14 +164,7 @@ class RoadRollout(NamedTuple):
 
 @compiled
 def road_rollout(commands: Array, wheelbase: float, dt: float, start: LanePose) -> RoadRollout:
-    """Roll commands out along the lane.
-
-    Args:
-        commands: (B, H, 2) [rad, m/s].
-        wheelbase: L [m].
-        dt: Step [s].
-        start: Where the car is now.
-    """
+    """Roll commands (B, H, 2) [rad, m/s] out along the lane from `start`, in steps of `dt` [s]."""
     batch, horizon, _ = commands.shape
     shape = (batch, horizon)
     offset, heading = np.empty(shape), np.empty(shape)
@@ -238,16 +191,7 @@ def road_rollout(commands: Array, wheelbase: float, dt: float, start: LanePose) 
 
 @compiled
 def road_gradient(road: RoadRollout, doffset: Array, dheading: Array) -> Array:
-    """Gradient with respect to the commands from that with respect to offset and heading.
-
-    Args:
-        road: The roll-out.
-        doffset: Derivative with respect to `offset` (B, H).
-        dheading: Derivative with respect to `heading` (B, H).
-
-    Returns:
-        (B, H, 2), per radian and per m/s.
-    """
+    """Gradient per command (B, H, 2), per radian and per m/s, from those per pose (B, H)."""
     batch, horizon = road.offset.shape
     gradient = np.empty((batch, horizon, 2))
     for b in range(batch):

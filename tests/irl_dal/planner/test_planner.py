@@ -298,7 +298,7 @@ def test_weights_travel() -> None:
 def test_loss_refuses_wrong_shapes() -> None:
     """Contexts and chunks of the wrong size are refused by name."""
     made = planner()
-    with pytest.raises(ValueError, match=r"`contexts` must be \(B, 64\). Got \(4, 63\)"):
+    with pytest.raises(ValueError, match=r"`contexts` must be \(4, 64\). Got \(4, 63\)"):
         made.loss(torch.zeros(4, 63), torch.zeros(4, 8, 2))
     with pytest.raises(ValueError, match=r"`chunks` must be \(4, 8, 2\). Got \(4, 6, 2\)"):
         made.loss(torch.zeros(4, 64), torch.zeros(4, 6, 2))
