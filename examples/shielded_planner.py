@@ -32,7 +32,7 @@ def main() -> None:
     rng = np.random.default_rng(0)
     shield.reset([0.0, 9.0])
     pose = np.zeros(3)
-    print("  t [s]   wanted          executed        lateral [m/s²]  status")
+    print("  t [s]   nominal         executed        lateral [m/s²]  status")
     for step in range(40):
         plan = careless_planner(step, rng)
         previous = shield.previous

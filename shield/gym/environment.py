@@ -151,18 +151,18 @@ class ShieldedVectorEnv(VectorWrapper):
         self, actions: ArrayLike
     ) -> tuple[Any, NDArray[Any], NDArray[Any], NDArray[Any], dict[str, Any]]:
         """Execute the nearest admissible actions."""
-        wanted = np.asarray(actions)
-        if wanted.shape[:1] != (self.num_envs,):
+        nominal = np.asarray(actions)
+        if nominal.shape[:1] != (self.num_envs,):
             raise InvalidProblem(
-                f"`actions` must have shape ({self.num_envs}, ...). Got {wanted.shape}."
+                f"`actions` must have shape ({self.num_envs}, ...). Got {nominal.shape}."
             )
         ignored = self._ended & (self._mode == AutoresetMode.NEXT_STEP)
         certificates = np.full(self.num_envs, None, dtype=object)
-        executed = np.empty(wanted.shape, dtype=self.single_action_space.dtype)
+        executed = np.empty(nominal.shape, dtype=self.single_action_space.dtype)
         for index, shield in enumerate(self._shields):
             if ignored[index]:
                 shield.reset()
-            certificate = shield.filter(wanted[index])
+            certificate = shield.filter(nominal[index])
             executed[index] = certificate.safe_action
             if ignored[index]:
                 shield.reset()

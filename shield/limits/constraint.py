@@ -140,7 +140,7 @@ class RowStack:
 
         With the residual :math:`r = W(z - g) + A^\top y` the gap is :math:`\tfrac12 r^\top W^{-1} r
         + y_+^\top (u - Az) + y_-^\top (Az - l)`. It bounds the error of the objective for any `y`,
-        whoever computed it, as long as `z` satisfies the rows.
+        wherever they come from, as long as `z` satisfies the rows.
 
         Args:
             z: Scaled horizon, shape (2 H,).

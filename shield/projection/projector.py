@@ -36,7 +36,7 @@ _INADMISSIBLE = (
 )
 
 
-class _Found(NamedTuple):
+class _Judged(NamedTuple):
     """A repaired horizon and how good it is.
 
     Attributes:
@@ -242,27 +242,30 @@ class HorizonProjector:
         if self.horizon == 1 and not (self.constraints or start.lateral_active):
             # One command in a rectangle: the nearest is what the repair clips to.
             return start.commands, Status.PROJECTED, ""
-        found, reason = self._improve(start.commands, goal, np.array([steering, speed]), begin)
-        if found.verified:
-            return found.commands, Status.PROJECTED, ""
-        return found.commands, Status.REPAIRED, reason or "the optimum could not be verified"
+        judged, reason = self._improve(start.commands, goal, np.array([steering, speed]), begin)
+        if judged.verified:
+            return judged.commands, Status.PROJECTED, ""
+        return judged.commands, Status.REPAIRED, reason or "the optimum could not be verified"
 
     def _improve(
         self, start: list[float], goal: Array, previous: Array, begin: float
-    ) -> tuple[_Found, str]:
+    ) -> tuple[_Judged, str]:
         """Return the best horizon that the solver and the repair come to, and what went wrong."""
         target, origin = goal / self._scale, np.array(start) / self._scale
         steering, speed = previous.tolist()
         self._take_rows(np.array(start), previous)
-        best, reason = self._judge(start, target, None), ""
+        shift = target - origin
+        distance, broken = 0.5 * float((self._diagonal * shift) @ shift), self._broken(origin)
+        best = _Judged(start, distance <= self.tolerance**2 and not broken, broken, distance)
+        reason = ""
         if self.horizon == 1 and not best.verified:
             # The nearest single command is nearly always what the repair finds.
             best = self._verify(best, target)
         if self.constraints and not self._rows.is_usable():
             return best, "the rows of a constraint are not usable"
         # Far away targets shrink to a distance that the solver's tolerances are made for.
-        scale = min(float(np.abs(target - origin).max()), _LARGEST_SCALE) or 1.0
-        q = self._diagonal * ((origin - target) / scale)
+        scale = min(float(np.abs(shift).max()), _LARGEST_SCALE) or 1.0
+        q = self._diagonal * shift / -scale
         changed = soft = False
         for program in range(_MAX_PROGRAMS):
             # The same rows once more only help with a finer tolerance.
@@ -282,11 +285,12 @@ class HorizonProjector:
             moved = ((origin + scale * answer.z) * self._scale).tolist()
             candidate = repair(self.limits, moved, steering, speed, self.weights).commands
             changed = not self._is_linear and self._take_rows(np.array(candidate), previous)
-            found = self._judge(candidate, target, None if answer.y is None else scale * answer.y)
-            gain = (best.broken - found.broken, best.distance - found.distance)
-            if found.verified or gain > (0.0, 0.0):
-                best = found
-            if soft and not found.verified:
+            y = np.zeros(len(self._rows.norm)) if answer.y is None else scale * answer.y
+            judged = self._judge(candidate, target, np.asarray(y))
+            gain = (best.broken - judged.broken, best.distance - judged.distance)
+            if judged.verified or gain > (0.0, 0.0):
+                best = judged
+            if soft and not judged.verified:
                 reason = reason or "the constraints cannot be kept together with the limits"
                 changed = changed and max(gain) > self.tolerance
         return best, reason
@@ -339,18 +343,15 @@ class HorizonProjector:
         self._is_stale = (self._is_stale or changed) and not laid_out
         return changed
 
-    def _judge(self, commands: list[float], target: Array, y: Array | None) -> _Found:
-        """Judge a repaired horizon at which the rows were just evaluated.
-
-        Without multipliers it counts as the nearest only if it is at the target.
-        """
+    def _judge(self, commands: list[float], target: Array, y: Array) -> _Judged:
+        """Judge a repaired horizon at which the rows were just evaluated."""
         z = np.array(commands) / self._scale
         difference = z - target
         distance = 0.5 * float((self._diagonal * difference) @ difference)
-        gap = distance if y is None else self._rows.duality_gap(z, target, self._diagonal, y)
+        gap = self._rows.duality_gap(z, target, self._diagonal, y)
         broken = self._broken(z)
         close = gap <= self.tolerance * distance + self.tolerance**2
-        return _Found(commands, close and broken == 0.0, broken, distance)
+        return _Judged(commands, close and broken == 0.0, broken, distance)
 
     def _broken(self, z: Array) -> float:
         """Return by how much more than the tolerance the caller's own rows are broken [steps]."""
@@ -360,16 +361,16 @@ class HorizonProjector:
         excess = self._rows.excess(z)[first:]
         return float(np.maximum(excess - self.tolerance, 0.0).max(initial=0.0))
 
-    def _verify(self, found: _Found, target: Array) -> _Found:
+    def _verify(self, judged: _Judged, target: Array) -> _Judged:
         """Judge a horizon at which the rows were just evaluated by multipliers of its active rows.
 
         For short horizons only: it takes the third power of their length.
         """
         if 2 * self.horizon > _MAX_VERIFIED:
-            return found
-        z = np.array(found.commands) / self._scale
+            return judged
+        z = np.array(judged.commands) / self._scale
         return self._judge(
-            found.commands, target, self._rows.multipliers(z, target, self._diagonal)
+            judged.commands, target, self._rows.multipliers(z, target, self._diagonal)
         )
 
     def _violations(self, actions: Array, previous: Array) -> tuple[float, ...]:

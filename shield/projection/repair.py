@@ -66,6 +66,7 @@ def repair(
     low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
     increase, decrease = limits.acceleration_step, limits.deceleration_step
     certain, side = limits.certain_bound, limits.max_steering
+    bounded = certain < math.inf
     commands: list[float] = []
     complete, lateral_active = True, False
     inside = -side <= steering <= side and low <= speed <= high
@@ -86,7 +87,7 @@ def repair(
         else:
             delta, v, complete = _into_window(limits, (delta, v), (steering, speed))
             inside = True
-        if v * v * abs(math.tan(delta)) > certain:
+        if bounded and v * v * abs(math.tan(delta)) > certain:
             (delta, v), fits = _into_lateral(limits, (delta, v), (steering, speed), weights)
             complete, lateral_active = complete and fits, True
         commands += (delta, v)
@@ -220,6 +221,7 @@ def is_admissible(
     low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
     increase, decrease = limits.acceleration_step, limits.deceleration_step
     certain, side = limits.certain_bound, limits.max_steering
+    bounded = certain < math.inf
     pairs = iter(commands)
     for delta, v in zip(pairs, pairs, strict=True):
         if not (-side <= delta <= side and low <= v <= high):
@@ -233,7 +235,7 @@ def is_admissible(
             return False
         if speed - v >= decrease and difference_exceeds(speed, v, decrease):
             return False
-        if v * v * abs(math.tan(delta)) > certain:
+        if bounded and v * v * abs(math.tan(delta)) > certain:
             return False
         steering, speed = delta, v
     return True

@@ -195,7 +195,7 @@ class QpsolversSolver:
 
     It runs in the calling thread, with Python's lock held. "clarabel", "daqp", "highs" and "scs"
     are given the time limit and keep it, "piqp" and "proxqp" a limit of iterations. The others know
-    no limit: whoever needs a deadline takes OSQP.
+    no limit: for a deadline take OSQP.
 
     Args:
         name: One of `qpsolvers.available_solvers`.
