@@ -14,42 +14,28 @@ from dataclasses import fields
 from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import (
-    apply_overrides,
-    explicit_overrides,
-    path_argument,
-    require_same,
-    require_writable,
-)
+from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
+from irl_dal.comparison.columns import comparison_tables
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
-from irl_dal.comparison.drive import Subject
-from irl_dal.comparison.store import ComparisonStore
-from irl_dal.comparison.suite import compare
-from irl_dal.comparison.table import comparison_tables
+from irl_dal.comparison.drive import ComparisonJob
+from irl_dal.comparison.experiment import compare
 from irl_dal.config import ConfigError, parse
-from irl_dal.figures.comparison_page import write_page
+from irl_dal.figures.comparison_page import write_comparison_page
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]
 
-OWN_KEYS = frozenset({"run", "out", *(entry.name for entry in fields(ComparisonConfig))})
-"""Keys of this command beside the configuration's."""
+EXTENT_KEYS = frozenset(entry.name for entry in fields(ComparisonConfig))
+"""Keys of the comparison's extent."""
 
 FIXED_KEYS = frozenset({"seed", "variant", "preset"})
 """Keys that a trained run has settled."""
 
-COMPARED_KEYS = frozenset(
-    {
-        "shield",
-        "shield.enabled",
-        "planner.enabled",
-        "planner.activation",
-        "planner.projection",
-        "planner.candidates",
-    }
+COMPARED_KEYS = frozenset({"shield", "shield.enabled"}) | frozenset(
+    f"planner.{name}" for name in ("enabled", "activation", "projection", "candidates")
 )
-"""Keys that differ between the arms."""
+"""Keys that differ between the settings."""
 
 
 def main() -> None:
@@ -58,34 +44,32 @@ def main() -> None:
 
 
 def _main(composed: DictConfig) -> None:
-    subject = _subject(composed)
-    require_writable("out", subject.store.folder, folder=True)
+    job = _job(composed)
     console = new_console()
-    report = compare(subject, console)
-    write_json(subject.store.report, report)
-    for table in comparison_tables(report):
-        console.print(table)
+    results = compare(job, console)
+    write_json(job.results, results)
+    for table in comparison_tables(results):
+        console.print(table.printed())
     with console.status("drawing the page"):
-        write_page(subject, report)
-    for path in (subject.store.report, subject.store.page):
+        write_comparison_page(job, results)
+    for path in (job.results, job.page):
         console.print(f"written to {path}", soft_wrap=True)
 
 
-def _subject(composed: DictConfig) -> Subject:
+def _job(composed: DictConfig) -> ComparisonJob:
     """What is compared, and how much of it."""
     run, out = path_argument(composed, "run"), path_argument(composed, "out")
     if run is None:
         raise ConfigError("run = None: name the folder of a trained run")
-    own = {entry.name for entry in fields(ComparisonConfig)} & set(composed)
     values = OmegaConf.to_container(composed, resolve=True)
     assert isinstance(values, dict)
-    comparison = parse_comparison({str(key): values[key] for key in own})
+    comparison = parse_comparison({str(key): values[key] for key in EXTENT_KEYS & values.keys()})
     parse(composed)
     folder = open_run("run", run)
     if not folder.config.planner.enabled:
         raise ConfigError(f"run = {str(run)!r}: was trained without a planner")
     settled = []
-    for key, value in explicit_overrides(composed, OWN_KEYS):
+    for key, value in explicit_overrides(composed, EXTENT_KEYS | {"run", "out"}):
         if key in COMPARED_KEYS:
             raise ConfigError(f"{key} = {value!r}: this is what the comparison varies")
         if key in FIXED_KEYS:
@@ -93,8 +77,7 @@ def _subject(composed: DictConfig) -> Subject:
         else:
             settled.append((key, value))
     config = apply_overrides(folder.config, settled)
-    store = ComparisonStore(out or folder.path / "comparison")
-    return Subject(config, folder.path, comparison, store)
+    return ComparisonJob(config, folder.path, comparison, out or folder.path / "comparison")
 
 
 if __name__ == "__main__":

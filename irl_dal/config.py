@@ -36,6 +36,7 @@ __all__ = [
     "ShieldConfig",
     "config_hash",
     "did_you_mean",
+    "first_line",
     "is_known",
     "known_keys",
     "parse",
@@ -146,7 +147,7 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
     try:
         return _RUN_CONFIG.validate_python(mapping)
     except ValidationError as error:
-        raise ConfigError(_first_line(error)) from None
+        raise ConfigError(first_line(error)) from None
 
 
 def config_hash(config: RunConfig) -> str:
@@ -206,7 +207,7 @@ def _leaves(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str,
             yield f"{prefix}{key}", value
 
 
-def _first_line(error: ValidationError) -> str:
+def first_line(error: ValidationError) -> str:
     """The first complaint as one line that names the key and the value."""
     details = error.errors(include_url=False)[0]
     path = [str(part) for part in details["loc"]]

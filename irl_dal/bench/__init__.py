@@ -1,1 +1,1 @@
-"""Measured: the city (speed, lane measurement, vehicle, faults), plans and gradient steps."""
+"""Benchmarks of the city (speed, lane measurement, vehicle, faults), the planner and learners."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,13 +11,16 @@ from rich.table import Table
 
 from irl_dal.envs.vehicle import WHEELBASE, Vehicle
 from irl_dal.envs.world import World
+from irl_dal.figures.table import terminal_table
 
 __all__ = ["Response", "car_tables", "speed_response", "steering_response"]
 
-Array = NDArray[np.float64]
+DT = 0.05  # [s] between two samples
+SAMPLES = 60  # after the step: 3 s, by when everything is steady
+STEERING = ((4.0, 1.0), (8.0, 1.0), (8.0, 2.0), (8.0, 4.0), (8.0, 8.0), (12.0, 4.0), (12.0, 12.0))
+"""Speed [m/s] and lateral acceleration of the bicycle [m/s²], up to and beyond the bounds."""
 
-DT = 0.05
-"""Between two samples [s]."""
+SPEED = ((5.0, 5.3), (5.0, 8.0), (8.0, 7.4), (8.0, 2.0))  # steps of the speed command [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +30,7 @@ class Response:
     Attributes:
         rise: Time to 63 % of the step [s].
         overshoot: Largest value beyond the end, as a share of the step.
-        gain: Final value over what the bicycle would have.
+        gain: Final value over the bicycle's.
         slip: Largest sideways speed at the rear axle [m/s].
     """
 
@@ -35,88 +39,77 @@ class Response:
     gain: float
     slip: float
 
+    @property
+    def cells(self) -> list[str]:
+        """As they are printed."""
+        rise, overshoot = f"{self.rise:.2f}", f"{self.overshoot:.0%}"
+        return [rise, overshoot, f"{self.gain:.3f}", f"{self.slip:.2f}"]
+
 
 def steering_response(speed: float, steering: float) -> Response:
     """Yaw rate after a step of the steering at constant speed [m/s], [rad]."""
-    rates, slips = [], []
-    world = World()
-    try:
-        car = _car(world, speed)
-        for _ in range(60):
-            car.drive(steering, speed)
-            world.step(DT)
-            rates.append(car.state().yaw_rate)
-            slips.append(abs(car.state().lateral_speed))
-    finally:
-        world.close()
-    wanted = speed * float(np.tan(steering)) / WHEELBASE
-    return _response(np.array(rates), 0.0, wanted, max(slips))
+    yaw_rate, _, slip = _samples(speed, steering, speed)
+    return _response(yaw_rate, 0.0, speed * float(np.tan(steering)) / WHEELBASE, slip)
 
 
 def speed_response(start: float, stop: float) -> Response:
     """Speed after a step of its command [m/s], straight on."""
-    speeds = []
+    _, speed, slip = _samples(start, 0.0, stop)
+    return _response(speed, start, stop, slip)
+
+
+def car_tables() -> Iterator[Table]:
+    """Steering and speed responses, up to and beyond the shield's bounds."""
+    headings = ["63 % after [s]", "overshoot", "gain", "slip [m/s]"]
+    yield terminal_table(
+        "step of the steering: yaw rate against the bicycle's v tan(delta) / L",
+        ["v [m/s]", "lateral [m/s²]", *headings],
+        [
+            [
+                f"{v:g}",
+                f"{a:g}",
+                *steering_response(v, float(np.arctan(WHEELBASE * a / v**2))).cells,
+            ]
+            for v, a in STEERING
+        ],
+    )
+    yield terminal_table(
+        "step of the speed command",
+        ["from [m/s]", "to [m/s]", *headings[:3]],
+        [[f"{v:g}", f"{w:g}", *speed_response(v, w).cells[:3]] for v, w in SPEED],
+    )
+
+
+def _samples(start: float, steering: float, speed: float) -> NDArray[np.float64]:
+    """Yaw rate, speed and sideways speed (3, T) after a step from straight on at `start`."""
     world = World()
     try:
-        car = _car(world, start)
-        for _ in range(60):
-            car.drive(0.0, stop)
+        world.clear()
+        car = Vehicle(world)
+        car.place(0.0, 0.0, 0.0, start)
+        for _ in range(10):  # until the wheels roll
+            car.drive(0.0, start)
             world.step(DT)
-            speeds.append(car.state().speed)
+        rows = []
+        for _ in range(SAMPLES):
+            car.drive(steering, speed)
+            world.step(DT)
+            state = car.state()
+            rows.append((state.yaw_rate, state.speed, state.lateral_speed))
     finally:
         world.close()
-    return _response(np.array(speeds), start, stop, 0.0)
+    return np.array(rows, np.float64).T
 
 
-def car_tables() -> tuple[Table, Table]:
-    """Steering and speed responses, up to and beyond the shield's bounds."""
-    steering = Table(title="step of the steering: yaw rate against the bicycle's v tan(delta) / L")
-    for title in (
-        "v [m/s]",
-        "lateral [m/s^2]",
-        "63 % after [s]",
-        "overshoot",
-        "gain",
-        "slip [m/s]",
-    ):
-        steering.add_column(title, justify="right")
-    for speed, lateral in ((4.0, 1.0), (8.0, 1.0), (8.0, 2.0), (8.0, 4.0), (8.0, 8.0), (12.0, 4.0)):
-        angle = float(np.arctan(WHEELBASE * lateral / speed**2))
-        steering.add_row(f"{speed:g}", f"{lateral:g}", *_cells(steering_response(speed, angle)))
-    angle = float(np.arctan(WHEELBASE * 12.0 / 12.0**2))
-    steering.add_row("12", "12", *_cells(steering_response(12.0, angle)))
-    speed_table = Table(title="step of the speed command")
-    for title in ("from [m/s]", "to [m/s]", "63 % after [s]", "overshoot", "gain"):
-        speed_table.add_column(title, justify="right")
-    for start, stop in ((5.0, 5.3), (5.0, 8.0), (8.0, 7.4), (8.0, 2.0)):
-        cells = _cells(speed_response(start, stop))[:3]
-        speed_table.add_row(f"{start:g}", f"{stop:g}", *cells)
-    return steering, speed_table
-
-
-def _car(world: World, speed: float) -> Vehicle:
-    world.clear()
-    car = Vehicle(world)
-    car.place(0.0, 0.0, 0.0, speed)
-    for _ in range(10):
-        car.drive(0.0, speed)
-        world.step(DT)
-    return car
-
-
-def _response(values: Array, start: float, wanted: float, slip: float) -> Response:
-    share = (values - start) / (wanted - start)
+def _response(
+    values: NDArray[np.float64], start: float, target: float, lateral: NDArray[np.float64]
+) -> Response:
+    share = (values - start) / (target - start)
     end = float(share[-20:].mean())
     reached = np.flatnonzero(share >= 0.632 * end)
-    rise = float(DT * (reached[0] + 1)) if reached.size else float("inf")
-    final = float(values[-20:].mean())
-    return Response(rise, max(0.0, float(share.max()) - end), final / wanted, slip)
-
-
-def _cells(response: Response) -> tuple[str, str, str, str]:
-    return (
-        f"{response.rise:.2f}",
-        f"{response.overshoot:.0%}",
-        f"{response.gain:.3f}",
-        f"{response.slip:.2f}",
+    return Response(
+        rise=float(DT * (reached[0] + 1)) if reached.size else float("inf"),
+        overshoot=max(0.0, float(share.max()) - end),
+        gain=float(values[-20:].mean()) / target,
+        slip=float(np.abs(lateral).max()),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -9,13 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from rich.console import Console
+from rich.table import Table
 
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.workers import Workers
+from irl_dal.figures.table import terminal_table
 
-__all__ = ["Drive", "drives", "expert_drives"]
+__all__ = ["Drive", "drives", "expert_drives", "outcome_table"]
 
 Array = NDArray[np.float64]
 
@@ -29,11 +32,11 @@ class Drive:
         outcome: success, collision, off_road or timeout.
         brightness: Of its light, 0 dark to 1 bright.
         offset: True lateral offset (T + 1,) [m].
-        measured: What the lane sensor said (T + 1,) [m]; NaN where it said nothing.
-        tracked: What the tracker made of it (T + 1,) [m].
-        valid: Whether the tracker vouched for it (T + 1,).
+        measured: Measured by the lane sensor (T + 1,) [m]; NaN without a measurement.
+        tracked: Estimated by the tracker (T + 1,) [m].
+        valid: Whether the tracker calls its estimate valid (T + 1,).
         violations: Steps on which the driver's own command broke a bound before the shield.
-        commands: What was executed (T, 2) [rad, m/s].
+        commands: Executed commands (T, 2) [rad, m/s].
     """
 
     seed: int
@@ -66,13 +69,7 @@ def expert_drives(config: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
 
 
 def drives(
-    config: RunConfig,
-    spec: AgentSpec,
-    seeds: Sequence[int],
-    *,
-    jobs: int,
-    what: str,
-    console: Console,
+    config: RunConfig, spec: AgentSpec, seeds: Sequence[int], jobs: int, what: str, console: Console
 ) -> list[Drive]:
     """Let an agent drive, one episode for each seed, in several processes.
 
@@ -91,6 +88,18 @@ def drives(
         return workers.map(what, _drive, list(enumerate(seeds)))
 
 
+def outcome_table(title: str, groups: Mapping[str, Sequence[Drive]]) -> Table:
+    """Success and its opposites, and how often the driver's own command broke a bound."""
+    ends = ("success", "collision", "off_road", "timeout")
+    rows = []
+    for name, group in groups.items():
+        count = Counter(drive.outcome for drive in group)
+        violations = sum(drive.violations for drive in group) / sum(drive.steps for drive in group)
+        shares = [f"{count[end] / len(group):.1%}" for end in ends]
+        rows.append([name, str(len(group)), *shares, f"{violations:.2%}"])
+    return terminal_table(title, ["", "episodes", *ends, "own violations"], rows)
+
+
 def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
     number, seed = task
     loop, agent = rig.loop, rig.agent
@@ -105,22 +114,15 @@ def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
         own = info["nominal_violations"]
         violations += own.get("expert", own.get("policy", False))
         over = terminated or truncated
-    values = np.array(rows, np.float64)
+    offset, measured, tracked, valid = np.array(rows, np.float64).T
     ends = (name for name in ("success", "collision", "off_road") if info[name])
     return Drive(
-        seed=seed,
-        outcome=next(ends, "timeout"),
-        brightness=loop.city.brightness,
-        offset=values[:, 0],
-        measured=values[:, 1],
-        tracked=values[:, 2],
-        valid=values[:, 3] > 0.0,
-        violations=violations,
-        commands=np.array(commands),
-    )
+        seed, next(ends, "timeout"), loop.city.brightness, offset, measured, tracked, valid > 0.0,
+        violations, np.array(commands),
+    )  # fmt: skip
 
 
 def _row(info: Mapping[str, Any]) -> tuple[float, float, float, float]:
     measurement, lane = info["lane_measurement"], info["lane"]
-    seen = float("nan") if measurement is None else measurement.lateral_offset
-    return info["lateral_offset"], seen, lane.lateral_offset, lane.valid
+    measured = float("nan") if measurement is None else measurement.lateral_offset
+    return info["lateral_offset"], measured, lane.lateral_offset, lane.valid

@@ -8,22 +8,20 @@ import numpy as np
 from rich.table import Table
 
 from irl_dal.bench.drive import Drive
+from irl_dal.figures.table import terminal_table
 
-__all__ = ["DAY", "WRONG", "lane_numbers", "lane_table"]
+__all__ = ["lane_numbers", "lane_table"]
 
-DAY = 0.5
-"""Brightness from which it is day."""
+DAY = 0.5  # brightness from which it is day
+WRONG = 0.8  # [m] error beyond which a valid estimate is confidently wrong
 
-WRONG = 0.8
-"""Error beyond which a valid estimate is confidently wrong [m]."""
-
-_ROWS = {
-    "episodes": ("episodes", "{:.0f}"),
-    "rmse_measured_m": ("RMSE measured [m]", "{:.3f}"),
-    "rmse_tracked_m": ("RMSE after tracking [m]", "{:.3f}"),
-    "measured_share": ("steps with a measurement", "{:.2%}"),
-    "valid_share": ("steps with a valid estimate", "{:.2%}"),
-    "confidently_wrong_share": ("confidently wrong", "{:.3%}"),
+_FORMATS = {
+    "episodes": "{:.0f}",
+    "RMSE measured [m]": "{:.3f}",
+    "RMSE after tracking [m]": "{:.3f}",
+    "steps with a measurement": "{:.2%}",
+    "steps with a valid estimate": "{:.2%}",
+    "confidently wrong": "{:.3%}",
 }
 
 
@@ -38,14 +36,10 @@ def lane_numbers(drives: Sequence[Drive]) -> dict[str, float]:
     tracked = np.concatenate([drive.tracked for drive in drives]) - offset
     valid = np.concatenate([drive.valid for drive in drives])
     seen = np.isfinite(measured)
-    return {
-        "episodes": float(len(drives)),
-        "rmse_measured_m": float(np.sqrt(np.mean(measured[seen] ** 2))),
-        "rmse_tracked_m": float(np.sqrt(np.mean(tracked[valid] ** 2))),
-        "measured_share": float(seen.mean()),
-        "valid_share": float(valid.mean()),
-        "confidently_wrong_share": float((valid & (np.abs(tracked) > WRONG)).mean()),
-    }
+    wrong = valid & (np.abs(tracked) > WRONG)
+    rmse = (float(np.sqrt(np.mean(error**2))) for error in (measured[seen], tracked[valid]))
+    shares = (float(share.mean()) for share in (seen, valid, wrong))
+    return dict(zip(_FORMATS, (float(len(drives)), *rmse, *shares), strict=True))
 
 
 def lane_table(drives: Sequence[Drive]) -> Table:
@@ -55,11 +49,9 @@ def lane_table(drives: Sequence[Drive]) -> Table:
         "dark": [drive for drive in drives if drive.brightness < DAY],
         "all": list(drives),
     }
-    table = Table(title="lateral offset against the truth")
-    table.add_column("")
-    columns = {name: lane_numbers(part) for name, part in groups.items() if part}
-    for name in columns:
-        table.add_column(name, justify="right")
-    for key, (title, form) in _ROWS.items():
-        table.add_row(title, *(form.format(numbers[key]) for numbers in columns.values()))
-    return table
+    columns = {name: lane_numbers(group) for name, group in groups.items() if group}
+    rows = [
+        [title, *(form.format(numbers[title]) for numbers in columns.values())]
+        for title, form in _FORMATS.items()
+    ]
+    return terminal_table("lateral offset against the truth", ["", *columns], rows)

@@ -15,23 +15,17 @@ from rich.table import Table
 
 from irl_dal.build import build_drivers, build_planner
 from irl_dal.config import RunConfig
+from irl_dal.figures.table import terminal_table
 from irl_dal.learning import Pipeline
 from irl_dal.learning.learners import Learners
 from irl_dal.shortcuts import keep_freed_memory
 
 __all__ = ["COUNTS", "beside", "demonstrated", "learning_tables", "time_updates"]
 
-COUNTS = (1, 2)
-"""Threads that are compared."""
-
-BUSY = (0, 1, 2)
-"""Other processes beside which they are compared."""
-
-STEPS = 10
-"""Gradient steps of one timed update."""
-
-DEMONSTRATION = 400
-"""Steps of the expert that the updates learn from."""
+COUNTS = (1, 2)  # threads that are compared
+BUSY = (0, 1, 2)  # other processes beside which they are compared
+STEPS = 10  # gradient steps of one timed update
+DEMONSTRATION = 400  # steps of the expert that the updates learn from
 
 
 @contextmanager
@@ -60,7 +54,7 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
 def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, dict[int, float]]:
     """Median time of a gradient step [s] of policy and planner over threads, which take turns."""
     updates = {"behaviour cloning": learners.clone, "planner": learners.train_planner}
-    found: dict[str, dict[int, list[float]]] = {
+    taken: dict[str, dict[int, list[float]]] = {
         name: {count: [] for count in COUNTS} for name in updates
     }
     for place in range(-1, rounds):
@@ -70,10 +64,10 @@ def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, dict[
                 begun = time.perf_counter()
                 update(steps)
                 if place >= 0:  # the first round warms up
-                    found[name][count].append((time.perf_counter() - begun) / steps)
+                    taken[name][count].append((time.perf_counter() - begun) / steps)
     return {
-        name: {count: float(np.median(times)) for count, times in taken.items()}
-        for name, taken in found.items()
+        name: {count: float(np.median(times)) for count, times in columns.items()}
+        for name, columns in taken.items()
     }
 
 
@@ -105,13 +99,11 @@ def learning_tables(config: RunConfig, rounds: int) -> Iterator[Table]:
                 yield _table(time_updates(learners, rounds, STEPS), processes)
 
 
-def _table(found: dict[str, dict[int, float]], processes: int) -> Table:
+def _table(medians: dict[str, dict[int, float]], processes: int) -> Table:
     title = f"one gradient step beside {processes} busy processes (median wall clock)"
-    table = Table("update", title=title)
-    for count in COUNTS:
-        table.add_column(f"{count} thread{'s' * (count > 1)} [ms]", justify="right")
-    table.add_column("ratio", justify="right")
-    for name, times in found.items():
-        one, two = (times[count] for count in COUNTS)
-        table.add_row(name, f"{1e3 * one:.1f}", f"{1e3 * two:.1f}", f"{two / one:.2f}")
-    return table
+    headings = [f"{count} thread{'s' * (count > 1)} [ms]" for count in COUNTS]
+    rows = []
+    for name, times in medians.items():
+        cells = [f"{1e3 * times[count]:.1f}" for count in COUNTS]
+        rows.append([name, *cells, f"{times[COUNTS[-1]] / times[COUNTS[0]]:.2f}"])
+    return terminal_table(title, ["update", *headings, "ratio"], rows)

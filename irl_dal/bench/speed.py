@@ -5,55 +5,62 @@ from __future__ import annotations
 import time
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
+from functools import partial
 from typing import Any
-from unittest.mock import patch
 
 import gymnasium
 import numpy as np
 from rich.table import Table
 
 from irl_dal.bench.drive import expert_drives
+from irl_dal.bench.stopwatch import time_parts
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.lane_camera import LaneCamera
 from irl_dal.envs.scenery import Scenery
 from irl_dal.envs.sensors import Camera, Lidar
 from irl_dal.envs.traffic import Traffic
 from irl_dal.envs.world import World
+from irl_dal.figures.table import terminal_table
 
-__all__ = ["PEERS", "compare_speed", "missing_peers", "parts_table", "speed_table"]
+__all__ = ["PEERS", "compare_speed", "missing_peers", "parts_table", "speed_tables"]
 
 PEERS = {"CarRacing-v3": "box2d", "racetrack-v0": "highway-env"}
 """Environments beside ours and the package that brings each."""
 
-PARTS: dict[str, tuple[type, str]] = {
-    "camera": (Camera, "measure"),
-    "physics": (World, "step"),
-    "LiDAR": (Lidar, "scan"),
-    "lane measurement": (LaneCamera, "measure"),
-    "traffic": (Traffic, "step"),
-    "road and houses": (Scenery, "show_around"),
+PARTS: dict[str, list[tuple[type, str]]] = {
+    "camera": [(Camera, "measure")],
+    "physics": [(World, "step")],
+    "LiDAR": [(Lidar, "scan")],
+    "lane measurement": [(LaneCamera, "measure")],
+    "traffic": [(Traffic, "step")],
+    "road and houses": [(Scenery, "show_around")],
 }
-"""Methods that are timed; what is left is called the rest."""
+"""Methods that are timed."""
 
-SEED = 7
-"""Of the city's episode."""
+SEED = 7  # of the city's episode
+
+Step = Callable[[], object]
 
 
-@dataclass(slots=True)
-class _Runner:
-    """Steps one environment, resets included, and remembers how long each chunk took."""
+def speed_tables(rounds: int, steps: int, config: CityConfig) -> Iterator[Table | str]:
+    """Everything that the benchmark prints.
 
-    step: Callable[[], None]
-    close: Callable[[], None]
-    rates: list[float] = field(default_factory=list)
-
-    def run(self, steps: int) -> None:
-        begun = time.process_time()
-        for _ in range(steps):
-            self.step()
-        self.rates.append(steps / (time.process_time() - begun))
+    Args:
+        rounds: How often the environments take turns.
+        steps: Steps of each in one round.
+        config: The city.
+    """
+    rates = compare_speed(rounds, steps, config)
+    own = rates["IRLDAL/City-v0"]
+    rows = [
+        [name, f"{rate:.0f}", "" if rate == own else f"{own / rate:.2f} x"]
+        for name, rate in rates.items()
+    ]
+    headings = ["environment", "steps/s", "city is faster by"]
+    yield terminal_table("steps per second of one core (processor time)", headings, rows)
+    for name, package in missing_peers().items():
+        yield f"{name} is not installed: pip install {package}"
+    yield parts_table(rounds * steps, config)
 
 
 def missing_peers() -> dict[str, str]:
@@ -67,83 +74,49 @@ def missing_peers() -> dict[str, str]:
     return missing
 
 
-def compare_speed(rounds: int, steps: int, config: CityConfig | None = None) -> dict[str, float]:
+def compare_speed(rounds: int, steps: int, config: CityConfig) -> dict[str, float]:
     """Steps per second of processor time of the city and of each peer that is installed.
 
     The environments take turns, so that a busy machine slows all of them; medians over the rounds.
     The city drives an expert's episode again, so that traffic is met and resets are rare; the
     peers get random actions, which do not change what a step costs them.
-
-    Args:
-        rounds: How often they take turns.
-        steps: Steps of each in one round.
-        config: The city.
     """
     absent = missing_peers()
-    runners = {"IRLDAL/City-v0": _city(config or CityConfig())}
-    runners |= {name: _random(_peer(name)) for name in PEERS if name not in absent}
-    for runner in runners.values():
-        runner.run(min(20, steps))
-        runner.rates.clear()
+    environments = {"IRLDAL/City-v0": _city(config)}
+    environments |= {name: _random(_peer(name)) for name in PEERS if name not in absent}
+    rates: dict[str, list[float]] = {name: [] for name in environments}
+    for step, _ in environments.values():
+        _repeat(step, min(20, steps))  # warms up
     for _ in range(rounds):
-        for runner in runners.values():
-            runner.run(steps)
-    for runner in runners.values():
-        runner.close()
-    return {name: float(np.median(runner.rates)) for name, runner in runners.items()}
+        for name, (step, _) in environments.items():
+            begun = time.process_time()
+            _repeat(step, steps)
+            rates[name].append(steps / (time.process_time() - begun))
+    for _, close in environments.values():
+        close()
+    return {name: float(np.median(values)) for name, values in rates.items()}
 
 
-def speed_table(rates: dict[str, float]) -> Table:
-    """Rates and the city's ratio to each."""
-    table = Table(title="steps per second of one core (processor time)")
-    for title in ("environment", "steps/s", "city is faster by"):
-        table.add_column(title, justify="left" if title == "environment" else "right")
-    own = next(iter(rates.values()))
-    for name, rate in rates.items():
-        table.add_row(name, f"{rate:.0f}", "" if rate == own else f"{own / rate:.2f} x")
-    return table
-
-
-def parts_table(steps: int, config: CityConfig | None = None) -> Table:
+def parts_table(steps: int, config: CityConfig) -> Table:
     """Milliseconds of each part of a step of the city."""
-    spent: dict[str, float] = {}
-    runner = _city(config or CityConfig())
-    with _timed(spent):
-        begun = time.process_time()
-        for _ in range(steps):
-            runner.step()
-        total = time.process_time() - begun
-    runner.close()
-    spent["rest"] = total - sum(spent.values())
-    table = Table(title="where a step of the city spends its time")
-    for title in ("part", "ms", "share"):
-        table.add_column(title, justify="left" if title == "part" else "right")
-    for name, seconds in sorted(spent.items(), key=lambda item: -item[1]):
-        table.add_row(name, f"{1e3 * seconds / steps:.2f}", f"{seconds / total:.0%}")
-    return table
+    step, close = _city(config)
+    spent = time_parts(PARTS, partial(_repeat, step, steps))
+    close()
+    total = sum(spent.values())
+    rows = [
+        [name, f"{1e3 * seconds / steps:.2f}", f"{seconds / total:.0%}"]
+        for name, seconds in sorted(spent.items(), key=lambda item: -item[1])
+    ]
+    return terminal_table("where a step of the city spends its time", ["part", "ms", "share"], rows)
 
 
-@contextmanager
-def _timed(spent: dict[str, float]) -> Iterator[None]:
-    with ExitStack() as stack:
-        for name, (owner, method) in PARTS.items():
-            original = getattr(owner, method)
-            stack.enter_context(patch.object(owner, method, _stopwatch(original, name, spent)))
-        yield
+def _repeat(step: Step, times: int) -> None:
+    for _ in range(times):
+        step()
 
 
-def _stopwatch(call: Callable[..., Any], name: str, spent: dict[str, float]) -> Callable[..., Any]:
-    def timed(*args: Any, **kwargs: Any) -> Any:
-        begun = time.process_time()
-        result = call(*args, **kwargs)
-        spent[name] = spent.get(name, 0.0) + time.process_time() - begun
-        return result
-
-    return timed
-
-
-def _city(config: CityConfig) -> _Runner:
-    """The city on an expert's commands, from the start again whenever they end."""
+def _city(config: CityConfig) -> tuple[Step, Step]:
+    """Steps the city on an expert's commands, from the start whenever they end; and closes it."""
     commands = next(iter(expert_drives(config, [SEED]))).commands
     env = CityEnv(config)
     position = len(commands)
@@ -156,10 +129,11 @@ def _city(config: CityConfig) -> _Runner:
         env.execute(commands[position])
         position += 1
 
-    return _Runner(step, env.close)
+    return step, env.close
 
 
-def _random(env: gymnasium.Env[Any, Any]) -> _Runner:
+def _random(env: gymnasium.Env[Any, Any]) -> tuple[Step, Step]:
+    """Steps an environment on random actions; and closes it."""
     env.reset(seed=0)
     env.action_space.seed(0)
 
@@ -168,7 +142,7 @@ def _random(env: gymnasium.Env[Any, Any]) -> _Runner:
         if terminated or truncated:
             env.reset()
 
-    return _Runner(step, env.close)
+    return step, env.close
 
 
 def _peer(name: str) -> gymnasium.Env[Any, Any]:

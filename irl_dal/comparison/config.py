@@ -8,14 +8,14 @@ from typing import Any, Literal
 
 from pydantic import TypeAdapter, ValidationError
 
-from irl_dal.config import ConfigError
+from irl_dal.config import ConfigError, first_line
 from irl_dal.planner import ProjectionMode
 
-__all__ = ["Asked", "ComparisonConfig", "parse_comparison"]
+__all__ = ["Activation", "ComparisonConfig", "parse_comparison"]
 
-Asked = Literal["trigger", "always", "alone"]
-"""The planner is asked on the trigger, always, or always and drives without the policy: then what
-is executed is the plan's own first command, not a blend."""
+Activation = Literal["trigger", "always", "alone"]
+"""The planner plans on the trigger, always, or always and drives without the policy: then what is
+executed is the plan's own first command, not a blend."""
 
 FIRST_REPORT_SEED = 20_000
 """Seeds from here on are for reports; nothing is tuned on them."""
@@ -26,29 +26,23 @@ class ComparisonConfig:
     """Extent of a comparison. None of the numbers is in the paper.
 
     Attributes:
-        episodes: Episodes of each arm, one seed each.
+        episodes: Episodes of each setting, one seed each.
         first_seed: Seed of the first one; the others follow.
-        projections: Where the plan is projected, one group of arms each.
-        activations: When the planner is asked, one group of arms each.
-        states: Logged risky states per episode in which every mode plans.
-        candidates: Plans drawn in each of these states.
-        path_states: States per episode from which paths are compared (ADE, FDE).
-        path_duration: Length of these paths [s].
+        projections: Where the plan is projected, one group of settings each.
+        activations: When the planner plans, one group of settings each.
+        candidates: Plans drawn in each risky state in which every projection plans.
         film_duration: Of the side-by-side video [s]; 0 makes none.
         n_jobs: Processes that drive at the same time.
 
     Raises:
-        ValueError: A value that cannot be meant.
+        ValueError: If a field is out of range.
     """
 
     episodes: int = 50
     first_seed: int = FIRST_REPORT_SEED
     projections: tuple[ProjectionMode, ...] = ("none", "final", "x0", "xt", "adaptive")
-    activations: tuple[Asked, ...] = ("trigger", "always", "alone")
-    states: int = 10
+    activations: tuple[Activation, ...] = ("trigger", "always", "alone")
     candidates: int = 16
-    path_states: int = 1
-    path_duration: float = 5.0
     film_duration: float = 20.0
     n_jobs: int = 2
 
@@ -56,11 +50,9 @@ class ComparisonConfig:
         for name in ("episodes", "n_jobs", "candidates"):
             if getattr(self, name) < 1:
                 raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("first_seed", "states", "path_states", "film_duration"):
-            if not getattr(self, name) >= 0:
+        for name in ("first_seed", "film_duration"):
+            if not 0 <= getattr(self, name) < float("inf"):
                 raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
-        if not self.path_duration > 0.0:
-            raise ValueError(f"`path_duration` must be positive. Got {self.path_duration}.")
         for name in ("projections", "activations"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):
@@ -84,15 +76,9 @@ def parse_comparison(values: Mapping[str, Any]) -> ComparisonConfig:
     """Check what the command line says about the comparison itself.
 
     Raises:
-        ConfigError: A value has the wrong type or cannot be; one line names key and value.
+        ConfigError: A value has the wrong type or is out of range; one line names key and value.
     """
     try:
         return _COMPARISON.validate_python(dict(values))
     except ValidationError as error:
-        details = error.errors(include_url=False)[0]
-        if details["type"] == "value_error":
-            message = details["msg"].removeprefix("Value error, ")
-            raise ConfigError(message.replace("`", "", 2)) from None
-        where = ".".join(str(part) for part in details["loc"])
-        message = f"{details['msg'][:1].lower()}{details['msg'][1:]}"
-        raise ConfigError(f"{where} = {details['input']!r}: {message}") from None
+        raise ConfigError(first_line(error)) from None

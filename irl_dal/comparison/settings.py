@@ -1,28 +1,28 @@
-"""The arms of a comparison: one checkpoint under different supervision."""
+"""The settings of a comparison: one checkpoint under different supervision."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-from irl_dal.comparison.config import Asked, ComparisonConfig
+from irl_dal.comparison.config import Activation, ComparisonConfig
 from irl_dal.config import RunConfig
 from irl_dal.planner import ProjectionMode
 
-__all__ = ["Arm", "arms_of", "state_arms"]
+__all__ = ["Setting", "all_settings", "planning_settings"]
 
 
 @dataclass(frozen=True, slots=True)
-class Arm:
+class Setting:
     """How the same policy and planner are supervised.
 
     Attributes:
-        activation: When the planner is asked.
+        activation: When the planner plans.
         projection: Where its plan is projected.
         shielded: Whether the shield has the last word.
-        guided: Whether the energies push.
+        guided: Whether the energies guide the plan.
     """
 
-    activation: Asked
+    activation: Activation
     projection: ProjectionMode
     shielded: bool
     guided: bool = True
@@ -34,10 +34,15 @@ class Arm:
         return "-".join(parts if self.guided else [*parts, "unguided"])
 
     @property
+    def plan_label(self) -> str:
+        """Words for how it plans, whatever is then done with the plan."""
+        return self.projection if self.guided else f"{self.projection}, unguided"
+
+    @property
     def label(self) -> str:
         """Words for tables and figures."""
-        words = f"{self.projection}{' + shield' if self.shielded else ''}"
-        return words if self.guided else f"{words}, unguided"
+        shield = " + shield" if self.shielded else ""
+        return f"{self.projection}{shield}" + ("" if self.guided else ", unguided")
 
     @property
     def admissible(self) -> bool:
@@ -45,9 +50,9 @@ class Arm:
         return self.shielded or self.projection != "none"
 
     @property
-    def baseline(self) -> Arm:
+    def baseline(self) -> Setting:
         """Pure diffusion under the same activation."""
-        return Arm(self.activation, "none", shielded=False)
+        return Setting(self.activation, "none", shielded=False)
 
     def configure(self, config: RunConfig, candidates: int | None = None) -> RunConfig:
         """A run's configuration under this supervision.
@@ -70,24 +75,28 @@ class Arm:
         return replace(config, planner=planner, shield=shield)
 
 
-def arms_of(comparison: ComparisonConfig, default: ProjectionMode) -> list[Arm]:
-    """All arms: activations x projections x shield, and one without guidance per activation.
+def all_settings(comparison: ComparisonConfig, default: ProjectionMode) -> list[Setting]:
+    """Activations x projections x shield, and one setting without guidance per activation.
 
     Args:
-        comparison: What is asked for.
-        default: The run's own projection, which the arm without guidance keeps.
+        comparison: Which of them.
+        default: The run's own projection, which the setting without guidance keeps.
     """
-    arms = [
-        Arm(activation, projection, shielded)
+    settings = [
+        Setting(activation, projection, shielded)
         for activation in comparison.activations
         for projection in comparison.projections
         for shielded in (False, True)
     ]
     kept = default if default in comparison.projections else comparison.projections[-1]
-    return arms + [Arm(one, kept, True, guided=False) for one in comparison.activations]
+    return settings + [Setting(each, kept, True, guided=False) for each in comparison.activations]
 
 
-def state_arms(comparison: ComparisonConfig, default: ProjectionMode) -> list[Arm]:
-    """The arms that differ in how they plan, whatever is then done with the plan."""
+def planning_settings(comparison: ComparisonConfig, default: ProjectionMode) -> list[Setting]:
+    """The settings that differ in how they plan, whatever is then done with the plan."""
     first = comparison.activations[0]
-    return [arm for arm in arms_of(comparison, default) if arm.shielded and arm.activation == first]
+    return [
+        setting
+        for setting in all_settings(comparison, default)
+        if setting.shielded and setting.activation == first
+    ]

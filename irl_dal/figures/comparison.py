@@ -10,11 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from irl_dal.comparison.table import ACTIVATIONS, DRIVE_COLUMNS, Column
-from irl_dal.comparison.trace import DenoisingTrace
+from irl_dal.comparison.columns import ACTIVATIONS, RIDE_COLUMNS, SAFETY_COLUMNS
+from irl_dal.comparison.planning import DenoisingTrace
 from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
 from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, drawing
+from irl_dal.figures.table import Column
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
 from irl_dal.planner.rollout import ego_rollout
@@ -40,53 +41,54 @@ SHOWN = (
 )
 """Numbers that get a panel."""
 
-SHORTEST_VIEW = 10.0
-"""How far ahead paths are shown at least [m], so that the lane can be seen around a slow plan."""
+SHORTEST_VIEW = 10.0  # [m] ahead, so that the lane can be seen around a slow plan
 
-DIGITS = 1e-9
-"""Share of a bound below which a difference is rounding."""
+DIGITS = 1e-9  # share of a bound below which a difference is rounding
 
-SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)
-"""Ticks of the used share of the bounds."""
+SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)  # ticks of the used share of the bounds
 
 
-def draw_numbers(report: Mapping[str, Any], activation: str) -> Figure:
-    """Values of every arm with their intervals, one panel per number."""
-    arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
-    return _dots(arms, "", f"95 % intervals, {ACTIVATIONS[activation]}")
+def draw_numbers(results: Mapping[str, Any], activation: str) -> Figure:
+    """Values of every setting with their intervals, one panel per number."""
+    settings = [arm for arm in results["arms"].values() if arm["activation"] == activation]
+    return _dots(settings, "", f"95 % intervals, {ACTIVATIONS[activation]}")
 
 
-def draw_differences(report: Mapping[str, Any], activation: str) -> Figure:
-    """Paired differences of every arm from pure diffusion, one panel per number."""
-    arms = [arm for arm in report["arms"].values() if arm["activation"] == activation]
-    kept = [arm for arm in arms if arm["shielded"] or arm["projection"] != "none"]
+def draw_differences(results: Mapping[str, Any], activation: str) -> Figure:
+    """Paired differences of every setting from pure diffusion, one panel per number."""
+    settings = [
+        arm
+        for arm in results["arms"].values()
+        if arm["activation"] == activation and (arm["shielded"] or arm["projection"] != "none")
+    ]
     words = f"difference from none, no shield, on the same seeds, {ACTIVATIONS[activation]}"
-    return _dots(kept, "_vs_none", words)
+    return _dots(settings, "_vs_none", words)
 
 
-def _dots(arms: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure:
-    columns = {column.key: column for column in DRIVE_COLUMNS}
-    with drawing(10.5, 0.42 * len(arms) + 2.6) as figure:
+def _dots(settings: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure:
+    columns = {column.key: column for column in SAFETY_COLUMNS + RIDE_COLUMNS}
+    with drawing(10.5, 0.42 * len(settings) + 2.6) as figure:
         axes = figure.subplots(2, 3, sharey=True).ravel()
         for one, key in zip(axes, SHOWN, strict=True):
-            _panel(one, columns[key], arms, end)
-        axes[0].set_yticks(range(len(arms)), [arm["label"] for arm in arms])
-        axes[0].set_ylim(len(arms) - 0.5, -0.5)
+            _panel(one, columns[key], settings, end)
+        axes[0].set_yticks(range(len(settings)), [numbers["label"] for numbers in settings])
+        axes[0].set_ylim(len(settings) - 0.5, -0.5)
         figure.supxlabel(words, fontsize=9.5)
     return figure
 
 
-def _panel(axes: Axes, column: Column, arms: Sequence[Mapping[str, Any]], end: str) -> None:
-    """One number: a dot and an interval per arm; hollow without a shield."""
-    scale = 100.0 if column.unit == "%" else 1.0
-    for row, arm in enumerate(arms):
-        value, bounds = arm.get(f"{column.key}{end}"), arm.get(f"{column.key}{end}_ci95")
+def _panel(axes: Axes, column: Column, settings: Sequence[Mapping[str, Any]], end: str) -> None:
+    """One number: a dot and an interval per setting; hollow without a shield."""
+    for row, numbers in enumerate(settings):
+        value, bounds = numbers.get(f"{column.key}{end}"), numbers.get(f"{column.key}{end}_ci95")
         if value is None or bounds is None:
             continue
-        colour = MODE_COLOURS[arm["projection"]]
-        axes.plot([scale * b for b in bounds], [row, row], color=colour, linewidth=2.2, alpha=0.55)
-        face = colour if arm["shielded"] else "white"
-        axes.plot(scale * value, row, "o", color=colour, markerfacecolor=face, markersize=6.5)
+        colour = MODE_COLOURS[numbers["projection"]]
+        ends = [column.scale * bound for bound in bounds]
+        axes.plot(ends, [row, row], color=colour, linewidth=2.2, alpha=0.55)
+        face = colour if numbers["shielded"] else "white"
+        dot = column.scale * value
+        axes.plot(dot, row, "o", color=colour, markerfacecolor=face, markersize=6.5)
     if end:
         axes.axvline(0.0, color=GREY, linewidth=1.0)
     axes.grid(axis="y", visible=False)

@@ -2,166 +2,155 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import imageio.v2 as imageio
+import imageio.v3 as imageio
 import numpy as np
-from matplotlib.axes import Axes
+from imageio.v2 import get_writer
+from matplotlib.artist import Artist
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from irl_dal.evaluation.episode import Episode, EpisodeRecorder
+from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.rig import Rig
+from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.figures.panels import CommandPlot, FilmFrame
 from irl_dal.figures.style import PALETTE
 from irl_dal.loop import Observation
+from irl_dal.planner import ProjectionMode
 from shield import ActuatorLimits
 
-__all__ = ["film_pair"]
+__all__ = ["Drive", "film_pair"]
 
-SIZE = (1280, 640)
-"""Of a frame [px]."""
+Picture = NDArray[np.uint8]
 
+SIZE = (1280, 640)  # of a frame [px]
 DPI = 100
-
-VIEW = (640, 360)
-"""Of a chase view, one at the top of each half [px]."""
-
+TOP = 44  # of the chase views, below the titles [px]
 CODEC = ["-crf", "40", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "7", "-row-mt", "0"]
 """Of VP9: small, and played by every browser."""
 
 
-@dataclass(slots=True)
-class _Drive:
-    """One half of the film."""
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """A logged episode and what the film shows of it.
 
-    bench: Rig
-    half: _Half
-    recorder: EpisodeRecorder
-    observation: Observation
-    info: Mapping[str, Any]
-    frames: list[FilmFrame] = field(default_factory=list)
-    over: bool = False
+    Attributes:
+        title: Words above it.
+        mode: Where the plan is projected.
+        episode: Log of the whole drive.
+        frames: The reset and the steps up to the film's end.
+        views: Chase view of each, as a JPEG file: a raw one takes 0.7 MB.
+        outcome: How the drive ended.
+    """
+
+    title: str
+    mode: ProjectionMode
+    episode: Episode
+    frames: list[FilmFrame]
+    views: list[bytes]
+    outcome: str
 
     @classmethod
-    def begin(cls, bench: Rig, half: _Half, seed: int) -> _Drive:
-        """Reset with the same noise as an evaluation's."""
-        bench.agent.reset(seed)
-        observation, info = bench.loop.reset(seed=seed)
-        return cls(bench, half, EpisodeRecorder(seed, info), observation, info)
+    def record(
+        cls, rig: Rig, title: str, mode: ProjectionMode, seed: int, duration: float
+    ) -> Drive:
+        """Drive an episode and look at its first seconds.
 
-    def step(self) -> None:
-        """Drive one step, unless the drive is over."""
-        if self.over:
-            return
-        action = self.bench.agent.act(self.observation, self.info)
-        observation, reward, ended, cut, info = self.bench.agent.drive(self.bench.loop, action)
-        self.recorder.add(action, float(reward), info)
-        self.observation, self.info, self.over = observation, info, ended or cut
+        Args:
+            rig: Who drives, with `render_mode="rgb_array"`.
+            title: Words above it.
+            mode: Where its plan is projected.
+            seed: Of the episode.
+            duration: How long it is looked at [s].
+        """
+        dt = rig.loop.limits.dt
+        frames: list[FilmFrame] = []
+        views: list[bytes] = []
+        last: dict[str, Any] = {}
 
-    def show(self, limits: ActuatorLimits) -> None:
-        """Draw the present moment."""
-        if not self.over or not self.frames:
-            self.frames.append(FilmFrame.of(len(self.frames) * limits.dt, self.info))
-            view = self.bench.loop.render()
-            if isinstance(view, np.ndarray):
-                self.half.picture = view
-        self.half.update(self.frames, self.info, limits, self.over)
+        def watch(_observation: Observation, info: Mapping[str, Any]) -> None:
+            last.update(info)
+            if len(frames) < round(duration / dt):
+                frames.append(FilmFrame.of(len(frames) * dt, info))
+                view = np.asarray(rig.loop.render(), np.uint8)
+                views.append(imageio.imwrite("<bytes>", view, extension=".jpg"))
+
+        episode = drive_episode(rig.loop, rig.agent, seed, watch)
+        return cls(title, mode, episode, frames, views, _outcome(last))
 
 
 class _Half:
     """Title, chase view and the commands of one drive."""
 
-    def __init__(self, figure: Figure, left: float, title: str, limits: ActuatorLimits) -> None:
-        self.picture: NDArray[np.uint8] = np.full((*VIEW[::-1], 3), 255, np.uint8)
-        self._title = figure.text(left + 0.012, 0.955, title, fontsize=15, weight="bold")
-        self._figure = figure
+    def __init__(self, figure: Figure, left: float, drive: Drive, limits: ActuatorLimits) -> None:
+        self._drive, self._limits = drive, limits
+        self._left = round(left * SIZE[0])
+        figure.text(left + 0.012, 0.955, drive.title, fontsize=15, weight="bold")
         self._state = figure.text(left + 0.488, 0.955, "", fontsize=12, ha="right", animated=True)
-        axes: list[Axes] = [
-            figure.add_axes((left + offset, 0.085, 0.19, 0.23)) for offset in (0.045, 0.295)
-        ]
-        self._plots = [CommandPlot(place, i, limits) for i, place in enumerate(axes)]
+        places = [figure.add_axes((left + offset, 0.085, 0.19, 0.23)) for offset in (0.045, 0.295)]
+        self._plots = [CommandPlot(axes, i, limits) for i, axes in enumerate(places)]
 
-    def update(
-        self, frames: list[FilmFrame], info: Mapping[str, Any], limits: ActuatorLimits, over: bool
-    ) -> None:
-        """Show the newest frames and how many commands broke a bound."""
+    def update(self, step: int) -> list[Artist]:
+        """Move to a step of the drive, or to its last one; what has to be drawn."""
+        shown = self._drive.frames[: step + 1]
         for plot in self._plots:
-            plot.update(frames)
-        broken = sum(
-            limits.violated(after.executed, before.executed)
-            for before, after in zip(frames[:-1], frames[1:], strict=True)
-        )
-        end = f"{_outcome(info)} · " if over else ""
-        self._state.set_text(f"{end}{broken} of {len(frames) - 1} commands out of bounds")
+            plot.update(shown)
+        pairs = zip(shown[1:], shown[:-1], strict=True)
+        broken = sum(self._limits.violated(now.executed, before.executed) for now, before in pairs)
+        over = step >= self._drive.episode.steps
+        end = f"{self._drive.outcome} · " if over else ""
+        self._state.set_text(f"{end}{broken} of {len(shown) - 1} commands out of bounds")
         self._state.set_color(PALETTE["plan"] if broken else PALETTE["text"])
+        return [*(artist for plot in self._plots for artist in plot.artists), self._state]
 
-    def draw(self) -> None:
-        """Draw what moves."""
-        for plot in self._plots:
-            for artist in plot.artists:
-                assert artist.axes is not None
-                artist.axes.draw_artist(artist)
-        self._figure.draw_artist(self._state)
+    def paste(self, picture: Picture, step: int) -> None:
+        """Put the chase view into a frame."""
+        view = imageio.imread(self._drive.views[min(step, len(self._drive.views) - 1)])
+        height, width = view.shape[:2]
+        left = self._left + (SIZE[0] // 2 - width) // 2
+        picture[TOP : TOP + height, left : left + width] = view
 
 
-def film_pair(
-    path: Path, benches: tuple[Rig, Rig], titles: tuple[str, str], seed: int, duration: float
-) -> tuple[Episode, Episode]:
-    """Film two drives of one seed and log both.
+def film_pair(path: Path, drives: Sequence[Drive], limits: ActuatorLimits) -> None:
+    """Film two drives side by side.
 
     Args:
         path: WebM file to write; it appears when the film is complete.
-        benches: Who drives left and right, each with `render_mode="rgb_array"`.
-        titles: StatusPanel above the halves.
-        seed: Of the episode.
-        duration: After which nothing more is driven [s].
-
-    Returns:
-        What was logged of both drives so far.
+        drives: Left and right.
+        limits: The bounds of their commands.
     """
-    limits = benches[0].loop.limits
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), dpi=DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
-    halves = [_Half(figure, 0.5 * i, titles[i], limits) for i in range(2)]
+    halves = [_Half(figure, 0.5 * side, drive, limits) for side, drive in enumerate(drives)]
     canvas.draw()
     background = canvas.copy_from_bbox(figure.bbox)
-    drives = [_Drive.begin(bench, half, seed) for bench, half in zip(benches, halves, strict=True)]
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".part-{path.name}")
-    writer = imageio.get_writer(
+    film = get_writer(
         partial, format="FFMPEG", fps=1.0 / limits.dt, codec="libvpx-vp9", quality=None,
         macro_block_size=2, output_params=CODEC,
     )  # fmt: skip
-    with writer:
-        for _ in range(round(duration / limits.dt)):
-            for drive in drives:
-                drive.show(limits)
-            writer.append_data(_frame(canvas, background, halves))
-            for drive in drives:
-                drive.step()
-            if all(drive.over for drive in drives):
-                break
+    with film:
+        for step in range(max(len(drive.frames) for drive in drives)):
+            film.append_data(_frame(canvas, background, halves, step))
     partial.replace(path)
-    first, second = (drive.recorder.finish() for drive in drives)
-    return first, second
 
 
-def _frame(canvas: FigureCanvasAgg, background: Any, halves: list[_Half]) -> NDArray[np.uint8]:
+def _frame(canvas: FigureCanvasAgg, background: Any, halves: Sequence[_Half], step: int) -> Picture:
     """What stands still, on it what moves, and the views."""
     canvas.restore_region(background)
     for half in halves:
-        half.draw()
-    frame = np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
-    for i, half in enumerate(halves):
-        height, width = half.picture.shape[:2]
-        left = 640 * i + (640 - width) // 2
-        frame[44 : 44 + height, left : left + width] = half.picture
-    return frame
+        for artist in half.update(step):
+            canvas.figure.draw_artist(artist)
+    picture = np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
+    for half in halves:
+        half.paste(picture, step)
+    return picture
 
 
 def _outcome(info: Mapping[str, Any]) -> str:

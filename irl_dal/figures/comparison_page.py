@@ -1,4 +1,4 @@
-"""The page of a comparison: one file, no network, every figure in it."""
+"""The page of a comparison."""
 
 from __future__ import annotations
 
@@ -7,13 +7,11 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from irl_dal.comparison.drive import Subject, arm_bench
-from irl_dal.comparison.settings import Arm
-from irl_dal.comparison.table import ACTIVATIONS, RIDE_COLUMNS, SAFETY_COLUMNS, STATE_COLUMNS, cell
-from irl_dal.comparison.trace import telling_context, trace_plan
-from irl_dal.comparison.verdict import champion, findings
-from irl_dal.evaluation.episode import Episode
-from irl_dal.figures import FigureWithCaption, render, write_pictures
+from irl_dal.comparison.columns import ACTIVATIONS, comparison_tables
+from irl_dal.comparison.conclusions import best_projection, conclusions
+from irl_dal.comparison.drive import ComparisonJob, setting_rig
+from irl_dal.comparison.planning import most_violating_state, trace_plan
+from irl_dal.comparison.settings import Setting
 from irl_dal.figures.comparison import (
     draw_commands,
     draw_denoising,
@@ -21,82 +19,92 @@ from irl_dal.figures.comparison import (
     draw_numbers,
     draw_paths,
 )
-from irl_dal.figures.comparison_film import film_pair
-from irl_dal.figures.style import MODE_COLOURS
+from irl_dal.figures.comparison_film import Drive, film_pair
+from irl_dal.figures.document import FigureWithCaption, render_page, write_pictures
+from irl_dal.figures.table import Cell, NumberTable
 from irl_dal.storage.atomic import write_text
 
-__all__ = ["render_page", "write_page"]
+__all__ = ["comparison_page", "write_comparison_page"]
 
 
-def write_page(subject: Subject, report: Mapping[str, Any]) -> None:
-    """Draw and film what the report needs and write the page beside it.
-
-    The figures are written as pictures too, into `figures/`.
-    """
-    drives, film = _drives(subject, report)
-    figures = [*_plan_figures(subject, report), *_number_figures(report)]
-    if drives:
-        figures.insert(2, _command_figure(subject, drives))
-    write_pictures(figures, subject.store.folder / "figures")
-    write_text(subject.store.page, render_page(report, figures, film))
+def write_comparison_page(job: ComparisonJob, results: Mapping[str, Any]) -> None:
+    """Draw and film what the page shows and write it; the figures are written as PNG files too."""
+    drives = _drives(job, results) if job.comparison.film_duration > 0.0 else []
+    plans, numbers = _plan_figures(job, results), _number_figures(results)
+    commands = [_command_figure(job, drives)] if drives else []
+    figures = [*plans, *commands, *numbers]
+    write_pictures(figures, job.out / "figures")
+    write_text(job.page, comparison_page(results, figures, job.film if drives else None))
 
 
-def render_page(
-    report: Mapping[str, Any], figures: Sequence[FigureWithCaption], film: Path | None
+def comparison_page(
+    results: Mapping[str, Any], figures: Sequence[FigureWithCaption], film: Path | None
 ) -> str:
     """Fill the template.
 
     Args:
-        report: Of the comparison.
+        results: Of the comparison.
         figures: In their order.
         film: WebM file that is embedded; None without one.
     """
-    video = None if film is None else base64.b64encode(film.read_bytes()).decode("ascii")
-    return render(
-        "comparison.html.j2",
+    extent = results["settings"]
+    words = ACTIVATIONS[extent["activations"][-1]]
+    video = "" if film is None else base64.b64encode(film.read_bytes()).decode("ascii")
+    caption = (
+        f"Seed {extent['first_seed']}, {words}: pure diffusion on the left, projected and shielded "
+        "on the right."
+    )
+    return render_page(
+        "Pure against projected diffusion",
+        conclusions(results),
+        comparison_tables(results),
         figures,
-        report=report,
-        findings=findings(report),
-        activations=ACTIVATIONS,
-        safety_columns=SAFETY_COLUMNS,
-        ride_columns=RIDE_COLUMNS,
-        state_columns=STATE_COLUMNS,
-        cell=cell,
-        colours=MODE_COLOURS,
-        video=video,
+        [_origin(results)],
+        (video, caption),
     )
 
 
-def _drives(
-    subject: Subject, report: Mapping[str, Any]
-) -> tuple[list[tuple[str, str, Episode]], Path | None]:
-    """Pure diffusion and the best projected arm on one seed, filmed."""
-    duration = subject.comparison.film_duration
-    if duration <= 0.0:
-        return [], None
-    activation = subject.comparison.activations[-1]
-    pure = Arm(activation, "none", shielded=False)
-    best = Arm(activation, champion(report), shielded=True)
-    film = subject.store.film
-    with (
-        arm_bench(subject, pure, "rgb_array") as left,
-        arm_bench(subject, best, "rgb_array") as right,
-    ):
-        titles = (f"{pure.label}, no shield", best.label)
-        seed = subject.comparison.first_seed
-        logs = film_pair(film, (left, right), titles, seed, duration)
-    arms = zip(titles, (pure, best), logs, strict=True)
-    return [(title, arm.projection, log) for title, arm, log in arms], film
+def _origin(results: Mapping[str, Any]) -> NumberTable:
+    """Where the numbers come from."""
+    lines = {
+        "run": f"{results['variant']}, training seed {results['training_seed']}",
+        "configuration": results["config_hash"],
+        "commit": results["commit"],
+        "planner": f"{results['sampler']}, default projection {results['default_projection']}",
+        "latencies": f"wall clock, one thread, {results['settings']['n_jobs']} processes at a time",
+        "definitions": "irl_dal/evaluation/metrics.py; all numbers are in compare.json",
+    }
+    rows = [(name, "", [Cell(str(text))]) for name, text in lines.items()]
+    return NumberTable("Where this comes from", [""], rows)
 
 
-def _command_figure(
-    subject: Subject, drives: Sequence[tuple[str, str, Episode]]
-) -> FigureWithCaption:
-    figure = draw_commands(drives, subject.config.limits, subject.comparison.film_duration)
-    words = ACTIVATIONS[subject.comparison.activations[-1]]
+def _drives(job: ComparisonJob, results: Mapping[str, Any]) -> list[Drive]:
+    """Pure diffusion and the best projection on one seed, filmed."""
+    activation = job.comparison.activations[-1]
+    pure = Setting(activation, "none", shielded=False)
+    best = Setting(activation, best_projection(results), shielded=True)
+    drives = []
+    for setting, title in ((pure, f"{pure.label}, no shield"), (best, best.label)):
+        with setting_rig(job, setting, "rgb_array") as rig:
+            drives.append(
+                Drive.record(
+                    rig, title, setting.projection, job.comparison.first_seed,
+                    job.comparison.film_duration,
+                )
+            )  # fmt: skip
+    film_pair(job.film, drives, job.config.limits)
+    return drives
+
+
+def _command_figure(job: ComparisonJob, drives: Sequence[Drive]) -> FigureWithCaption:
+    words = ACTIVATIONS[job.comparison.activations[-1]]
     return FigureWithCaption(
         "commands",
-        figure,
+        draw_commands(
+            [(drive.title, drive.mode, drive.episode) for drive in drives],
+            job.config.limits,
+            job.comparison.film_duration,
+        ),
         "Steering and speed against their bounds",
         f"The drives of the film, {words}. Dashed: bounds. Red dots: executed commands that break "
         "one. Below: how much of the nearest rate or lateral bound a command takes, 1 is all of "
@@ -104,14 +112,14 @@ def _command_figure(
     )
 
 
-def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[FigureWithCaption]:
+def _plan_figures(job: ComparisonJob, results: Mapping[str, Any]) -> list[FigureWithCaption]:
     """One plan being denoised, and where its candidates lead."""
-    first = subject.comparison.activations[0]
-    arms = [Arm(first, "none", True), Arm(first, champion(report), True)]
-    seed, context = telling_context(subject, arms)
-    traces = [trace_plan(subject, arm, context, seed) for arm in arms]
-    limits = subject.config.limits
-    count = subject.comparison.candidates
+    first = job.comparison.activations[0]
+    settings = [Setting(first, "none", True), Setting(first, best_projection(results), True)]
+    seed, context = most_violating_state(job, settings[0])
+    traces = [trace_plan(job, setting, context, seed) for setting in settings]
+    limits = job.config.limits
+    count = job.comparison.candidates
     state = f"A risky state of seed {seed}, {count} plans, the same noise in both."
     return [
         FigureWithCaption(
@@ -131,25 +139,25 @@ def _plan_figures(subject: Subject, report: Mapping[str, Any]) -> list[FigureWit
     ]
 
 
-def _number_figures(report: Mapping[str, Any]) -> list[FigureWithCaption]:
+def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
     """Values and paired differences for each activation."""
     figures = []
-    for activation in report["settings"]["activations"]:
+    for activation in results["settings"]["activations"]:
         words = ACTIVATIONS[activation]
         figures += [
             FigureWithCaption(
                 f"numbers_{activation}",
-                draw_numbers(report, activation),
-                f"The arms side by side, {words}",
+                draw_numbers(results, activation),
+                f"The settings side by side, {words}",
                 "Dots: values. Bars: 95 % bootstrap intervals over episodes. Filled: with the "
                 "shield; hollow: without.",
             ),
             FigureWithCaption(
                 f"differences_{activation}",
-                draw_differences(report, activation),
+                draw_differences(results, activation),
                 f"Paired differences from pure diffusion, {words}",
-                "Each arm minus mode none without a shield, on the same seeds. A bar that does not "
-                "touch zero is a difference at 95 %.",
+                "Each setting minus mode none without a shield, on the same seeds. A bar that does "
+                "not touch zero is a difference at 95 %.",
             ),
         ]
     return figures

@@ -1,24 +1,24 @@
-"""A page from a template and figures."""
+"""A page from figures and tables: one file, no network, every figure in it."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from jinja2 import Environment, PackageLoader, StrictUndefined
 from markupsafe import Markup
 from matplotlib.figure import Figure
 
 from irl_dal.figures.style import picture, to_svg
+from irl_dal.figures.table import NumberTable
 
-__all__ = ["FigureWithCaption", "render", "write_pictures"]
+__all__ = ["FigureWithCaption", "render_page", "write_pictures"]
 
 
 @dataclass(frozen=True, slots=True)
 class FigureWithCaption:
-    """A figure with its words.
+    """A figure on a page.
 
     Attributes:
         name: Of its element and of its file.
@@ -38,13 +38,23 @@ class FigureWithCaption:
         return Markup(to_svg(self.figure, self.name))
 
 
-def render(template: str, figures: Sequence[FigureWithCaption], **content: Any) -> str:
-    """Fill a template that extends `base.html.j2`.
+def render_page(
+    title: str,
+    sentences: Sequence[str],
+    tables: Sequence[NumberTable],
+    figures: Sequence[FigureWithCaption],
+    origin: Sequence[NumberTable],
+    film: tuple[str, str] = ("", ""),
+) -> str:
+    """Fill the template; words are escaped.
 
     Args:
-        template: Its name.
+        title: Of the page.
+        sentences: Below it; the first one is the main result.
+        tables: Before the figures.
         figures: In their order.
-        content: What else the template asks for; words are escaped.
+        origin: Tables at the end: where the numbers come from.
+        film: WebM file in base 64 and its caption; empty for no film.
     """
     environment = Environment(
         loader=PackageLoader("irl_dal.figures"),
@@ -53,11 +63,14 @@ def render(template: str, figures: Sequence[FigureWithCaption], **content: Any) 
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    return environment.get_template(template).render(figures=figures, **content)
+    return environment.get_template("page.html.j2").render(
+        title=title, sentences=sentences, tables=tables, figures=figures, origin=origin,
+        film=film[0], film_caption=film[1],
+    )  # fmt: skip
 
 
 def write_pictures(figures: Sequence[FigureWithCaption], folder: Path) -> None:
     """Write figures as PNG files too, for other documents."""
     folder.mkdir(parents=True, exist_ok=True)
-    for shown in figures:
-        picture(shown.figure, str(folder / f"{shown.name}.png"))
+    for figure in figures:
+        picture(figure.figure, str(folder / f"{figure.name}.png"))

@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
+from irl_dal.evaluation.statistics import Estimate
 from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
-from irl_dal.sweep.aggregate import band
+from irl_dal.sweep.across_runs import band
 from irl_dal.sweep.collection import Collection
+from irl_dal.sweep.paper_table import COLUMNS, Estimates, label
 from irl_dal.sweep.result import OVERLAY_SEED
-from irl_dal.sweep.table import COLUMNS, Numbers, label
 
 __all__ = ["draw_dynamics", "draw_overlay", "draw_scores"]
 
@@ -32,12 +33,11 @@ _VIEW = 55.0, 28.0
 """How far around the sharpest bend the overlay reaches, across and up [m]."""
 
 
-def draw_dynamics(collection: Collection, boundary: int | None, rng: np.random.Generator) -> Figure:
+def draw_dynamics(collection: Collection, rng: np.random.Generator) -> Figure:
     """Return, cloning loss and interventions over the training, bands over the runs.
 
     Args:
         collection: The runs.
-        boundary: Step at which the second phase begins; None draws no line.
         rng: Source of the bands' resampling.
     """
     with drawing(10.5, 8.4) as figure:
@@ -49,8 +49,8 @@ def draw_dynamics(collection: Collection, boundary: int | None, rng: np.random.G
             if percent:
                 one.yaxis.set_major_formatter(PercentFormatter(1.0))
                 one.set_ylim(bottom=0.0)
-            if boundary is not None:
-                one.axvline(boundary, color=GREY, linewidth=1.0, linestyle="--")
+            if collection.boundary is not None:
+                one.axvline(collection.boundary, color=GREY, linewidth=1.0, linestyle="--")
         axes[1].set_yscale("log")
         axes[-1].set_xlabel("environment step")
         axes[-1].xaxis.set_major_formatter(EngFormatter(sep=""))
@@ -59,22 +59,19 @@ def draw_dynamics(collection: Collection, boundary: int | None, rng: np.random.G
     return figure
 
 
-def draw_scores(collection: Collection, found: Numbers) -> Figure:
+def draw_scores(collection: Collection, estimates: Estimates) -> Figure:
     """Every column of the table: interquartile means with intervals, each run a small dot."""
+    variants = collection.variants[::-1]
     with drawing(10.5, 4.6) as figure:
-        axes = figure.subplots(2, (len(COLUMNS) + 1) // 2, squeeze=False).ravel()
-        variants = collection.variants
-        for one, column in zip(axes, COLUMNS, strict=False):
-            for place, variant in enumerate(reversed(variants)):
-                _score(one, column.key, column.scale, place, variant, collection, found)
-            one.set_title(column.title)
-            one.set_yticks(range(len(variants)), [])
-            one.set_ylim(-0.6, len(variants) - 0.4)
-        for one in axes[:: len(axes) // 2]:
-            names = [label(variant) for variant in reversed(variants)]
-            one.set_yticks(range(len(variants)), names)
-        for one in axes[len(COLUMNS) :]:
-            one.remove()
+        axes = figure.subplots(2, len(COLUMNS) // 2, sharey=True, squeeze=False).ravel()
+        for one, column in zip(axes, COLUMNS, strict=True):
+            for place, variant in enumerate(variants):
+                runs = [result.score(column.key) for result in collection.of(variant)]
+                dots = column.scale * np.array([run for run in runs if run is not None])
+                _score(one, place, dots, column.scale, estimates[variant][column.key], variant)
+            one.set_title(column.heading)
+        axes[0].set_yticks(range(len(variants)), [label(variant) for variant in variants])
+        axes[0].set_ylim(-0.6, len(variants) - 0.4)
     return figure
 
 
@@ -108,15 +105,15 @@ def draw_overlay(collection: Collection) -> Figure:
 def _curve(
     axes: Axes, collection: Collection, variant: str, column: str, rng: np.random.Generator
 ) -> None:
-    found = band(collection.of(variant), column, rng)
-    if found is None:
+    curve = band(collection.of(variant), column, rng)
+    if curve is None:
         return
     colour = VARIANT_COLOURS.get(variant, GREY)
     runs = len(collection.of(variant))
     words = f"{label(variant)}, {runs} run{'s' * (runs > 1)}"
-    smooth = [_smoothed(values) for values in (found.middle, found.low, found.high)]
-    axes.plot(found.steps, smooth[0], color=colour, linewidth=1.8, label=words)
-    axes.fill_between(found.steps, smooth[1], smooth[2], color=colour, alpha=0.15, linewidth=0.0)
+    smooth = [_smoothed(values) for values in (curve.middle, curve.low, curve.high)]
+    axes.plot(curve.steps, smooth[0], color=colour, linewidth=1.8, label=words)
+    axes.fill_between(curve.steps, smooth[1], smooth[2], color=colour, alpha=0.15, linewidth=0.0)
 
 
 def _smoothed(values: Array, width: int = 5) -> Array:
@@ -126,24 +123,17 @@ def _smoothed(values: Array, width: int = 5) -> Array:
 
 
 def _score(
-    axes: Axes,
-    key: str,
-    scale: float,
-    place: int,
-    variant: str,
-    collection: Collection,
-    found: Numbers,
+    axes: Axes, place: int, runs: Array, scale: float, estimate: Estimate, variant: str
 ) -> None:
-    colour, one = VARIANT_COLOURS.get(variant, GREY), found[variant][key]
-    known = [result.evaluation.get(key) for result in collection.of(variant)]
-    runs = scale * np.array([value for value in known if value is not None], np.float64)
+    """One variant in one panel."""
+    colour = VARIANT_COLOURS.get(variant, GREY)
     axes.plot(runs, np.full(len(runs), float(place)), ".", color=colour, alpha=0.45, markersize=5.0)
-    if one.value is None:
+    if estimate.value is None:
         return
-    if one.low is not None and one.high is not None:
-        ends = [scale * one.low, scale * one.high]
+    if estimate.low is not None and estimate.high is not None:
+        ends = [scale * estimate.low, scale * estimate.high]
         axes.plot(ends, [place, place], color=colour, linewidth=4.0, alpha=0.35)
-    axes.plot(scale * one.value, place, "D", color=colour, markersize=5.5)
+    axes.plot(scale * estimate.value, place, "D", color=colour, markersize=5.5)
 
 
 def _road(axes: Axes, road: Road) -> Array:

@@ -1,7 +1,8 @@
-"""Finding the results in a folder of runs, or in a folder of results."""
+"""The results in a folder of runs or of result files, and which of them belong together."""
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,7 @@ from rich.console import Console
 
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.workers import progress_bar
+from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 from irl_dal.sweep.result import RunResult, read_result, summarise_run
 
@@ -18,24 +20,26 @@ __all__ = ["ORDER", "Collection", "collect"]
 ORDER = ("ppo_uniform", "fsm_replay", "diffusion", "irl_dal", "shielded", "paper")
 """Variants as the paper's Table I has them, then ours."""
 
+Found = tuple[Path, RunResult]
+
 
 @dataclass(frozen=True, slots=True)
 class Collection:
-    """Results that can be put into one table.
+    """Results that belong into one table: each variant has a single configuration.
 
     Attributes:
         results: All of them, by variant and seed.
-        unfinished: Run folders that have no evaluation yet.
+        left_out: Sentences that name the runs left out, and why.
     """
 
     results: tuple[RunResult, ...]
-    unfinished: tuple[Path, ...]
+    left_out: tuple[str, ...] = ()
 
     @property
     def variants(self) -> list[str]:
         """Those that occur, in the paper's order, unknown ones last."""
-        found = {result.variant for result in self.results}
-        return [name for name in ORDER if name in found] + sorted(found - set(ORDER))
+        names = {result.variant for result in self.results}
+        return [name for name in ORDER if name in names] + sorted(names - set(ORDER))
 
     @property
     def boundary(self) -> int | None:
@@ -51,45 +55,86 @@ class Collection:
 def collect(folder: Path, console: Console | None = None) -> Collection:
     """Read every run folder and every result file that lies in a folder.
 
+    Of each variant the configuration with the most runs is kept, among equals the one that was
+    trained last. The others and unfinished runs are left out by name.
+
     Args:
         folder: Holds run folders, or result files.
         console: Where the progress bar goes.
 
     Raises:
-        ConfigError: The folder is missing or holds nothing of the kind; two runs are of the same
-            variant and seed; evaluations are of different episodes.
+        ConfigError: The folder is missing or holds nothing of the kind; a run or file is damaged;
+            two runs are of the same variant and seed; evaluations are of different episodes.
     """
     if not folder.is_dir():
         raise ConfigError(f"runs = {str(folder)!r}: there is no such folder")
-    inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    try:
+        inside = sorted(path for path in folder.iterdir() if not path.name.startswith("."))
+    except OSError as error:
+        raise ConfigError(f"runs = {str(folder)!r}: {error.strerror}") from None
     runs = [path for path in inside if (path / "run.json").is_file()]
     files = [path for path in inside if path.suffix == ".json" and path.name != "references.json"]
     if not runs and not files:
         raise ConfigError(f"runs = {str(folder)!r}: holds neither runs nor results")
-    found: list[tuple[Path, RunResult]] = [(path, read_result(path)) for path in files]
-    unfinished = []
+    found: list[Found] = [(path, read_result(path)) for path in files]
+    left_out = []
     with progress_bar(console) as progress:
         task = progress.add_task("runs", total=len(runs))
         for path in runs:
-            result = summarise_run(open_run("runs", path))
+            result = _result_of_run(path)
             progress.advance(task)
             if result is None:
-                unfinished.append(path)
+                left_out.append(f"left out: {path} (not finished)")
             else:
                 found.append((path, result))
-    _comparable(found)
-    results = sorted((result for _, result in found), key=lambda one: (one.variant, one.seed))
-    return Collection(tuple(results), tuple(unfinished))
+    if not found:
+        raise ConfigError(f"runs = {str(folder)!r}: no run is finished")
+    kept, others = _one_configuration_each(found)
+    _require_comparable(kept)
+    results = sorted((result for _, result in kept), key=lambda r: (r.variant, r.seed))
+    return Collection(tuple(results), tuple(left_out + others))
 
 
-def _comparable(found: Sequence[tuple[Path, RunResult]]) -> None:
+def _result_of_run(path: Path) -> RunResult | None:
+    """A run's result; its folder is named in every complaint."""
+    try:
+        return summarise_run(open_run("runs", path))
+    except (ConfigError, CheckpointError) as error:
+        line = str(error)
+        raise ConfigError(line if str(path) in line else f"{path}: {line}") from None
+
+
+def _one_configuration_each(found: Sequence[Found]) -> tuple[list[Found], list[str]]:
+    """The runs of each variant's most frequent configuration, and sentences about the others."""
+    runs = Counter((result.variant, result.configuration) for _, result in found)
+    newest: dict[tuple[str, str], str] = {}
+    for _, result in found:
+        key = (result.variant, result.configuration)
+        newest[key] = max(newest.get(key, ""), str(result.origin.get("started")))
+    chosen = {
+        variant: max(
+            (key for key in runs if key[0] == variant), key=lambda key: (runs[key], newest[key])
+        )[1]
+        for variant in {variant for variant, _ in runs}
+    }
+    kept, others = [], []
+    for path, result in found:
+        own, row = result.configuration, chosen[result.variant]
+        if own == row:
+            kept.append((path, result))
+        else:
+            others.append(f"left out: {path} (configuration {own}, the row has {row})")
+    return kept, others
+
+
+def _require_comparable(found: Sequence[Found]) -> None:
     """Refuse what does not belong into one table."""
     known: dict[str, Path] = {}
     for path, result in found:
         if result.name in known:
             raise ConfigError(f"{path}: is {result.name}, as {known[result.name]} is")
         known[result.name] = path
-    extents = {(one.first_seed, len(one.outcomes)): path for path, one in found}
+    extents = {(result.first_seed, len(result.outcomes)): path for path, result in found}
     if len(extents) > 1:
         (first, count), (other, more) = sorted(extents)[:2]
         raise ConfigError(

@@ -10,10 +10,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import TypeAdapter, ValidationError
 
 from expert.modes import Mode
 from irl_dal.cli.threads import one_thread
-from irl_dal.config import ConfigError
+from irl_dal.config import ConfigError, first_line
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
@@ -47,7 +48,9 @@ CURVES = (
 OVERLAY_SEED = 22_000
 """Episode whose path is kept, to lay the variants' paths over each other."""
 
-_DIGITS = 5
+_DIGITS = 5  # significant digits of a curve's values: enough for a figure
+
+_ORIGIN = ("commit", "config_hash", "version", "machine", "gradient_threads", "started")
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,13 +80,38 @@ class RunResult:
     outcomes: tuple[bool, ...]
     steps: list[int]
     curves: Mapping[str, list[float | None]]
-    path: list[list[float]]
+    path: list[tuple[float, float]]
     arrived: bool
 
     @property
     def name(self) -> str:
         """Its file's name without the ending."""
         return f"{self.variant}-seed{self.seed}"
+
+    @property
+    def configuration(self) -> str:
+        """Hash of the run's configuration; of the evaluation's too where it is another one."""
+        hashes = [str(part.get("config_hash")) for part in (self.origin, self.evaluation)]
+        return " evaluated as ".join(dict.fromkeys(hashes))
+
+    @property
+    def commits(self) -> tuple[str, ...]:
+        """Commits of training and evaluation."""
+        return tuple(str(part.get("commit")) for part in (self.origin, self.evaluation))
+
+    def score(self, key: str) -> float | None:
+        """A metric of the evaluation; None where it was not measured.
+
+        Raises:
+            ConfigError: It is not a number.
+        """
+        value = self.evaluation.get(key)
+        if value is not None and not isinstance(value, int | float):
+            raise ConfigError(f"{self.name}: {key} = {value!r} is not a number")
+        return value
+
+
+_RESULT = TypeAdapter(RunResult)
 
 
 def summarise_run(folder: RunFolder) -> RunResult | None:
@@ -95,25 +123,34 @@ def summarise_run(folder: RunFolder) -> RunResult | None:
     """
     if not folder.evaluation.is_file():
         return None
-    report = _read(folder.evaluation)
+    evaluation = _read(folder.evaluation)
     started = _read(folder.path / "run.json")
-    rows = read_metrics(folder.metrics)
-    seconds = [float(row["time/total"]) for row in rows if row.get("time/total")]
-    kept = ("commit", "config_hash", "version", "machine", "gradient_threads", "started")
+    try:
+        rows = read_metrics(folder.metrics)
+        curves = {name: [_number(row.get(name)) for row in rows] for name in CURVES}
+        steps = [int(row["step"]) for row in rows]
+        seconds = [_number(row.get("time/total")) for row in rows]
+    except (OSError, ValueError, KeyError):
+        raise ConfigError(f"{folder.metrics}: is damaged") from None
+    try:
+        first_seed = int(evaluation["seeds"][0])
+        outcomes = tuple(bool(success) for success in evaluation["episode_success"])
+    except (LookupError, TypeError, ValueError):
+        raise ConfigError(f"{folder.evaluation}: is damaged") from None
     path, arrived = _overlay(folder)
     return RunResult(
         variant=folder.config.variant,
         seed=folder.config.seed,
-        origin={key: started.get(key) for key in kept}
+        origin={key: started.get(key) for key in _ORIGIN}
         | {
-            "training_seconds": round(seconds[-1], 1) if seconds else None,
+            "training_seconds": next((round(s, 1) for s in reversed(seconds) if s), None),
             "imitation_steps": folder.config.learning.imitation_steps,
         },
-        evaluation={k: v for k, v in report.items() if k not in ("seeds", "episode_success")},
-        first_seed=int(report["seeds"][0]),
-        outcomes=tuple(bool(one) for one in report["episode_success"]),
-        steps=[int(row["step"]) for row in rows],
-        curves={name: [_number(row.get(name)) for row in rows] for name in CURVES},
+        evaluation={k: v for k, v in evaluation.items() if k not in ("seeds", "episode_success")},
+        first_seed=first_seed,
+        outcomes=outcomes,
+        steps=steps,
+        curves=curves,
         path=path,
         arrived=arrived,
     )
@@ -131,31 +168,35 @@ def read_result(path: Path) -> RunResult:
         ConfigError: The file is damaged or of another version.
     """
     content = _read(path)
-    found = content.pop("format", None)
-    if found != FORMAT:
-        raise ConfigError(f"{path}: result format {found!r}, this version reads {FORMAT}")
+    version = content.pop("format", None)
+    if version != FORMAT:
+        raise ConfigError(f"{path}: result format {version!r}, this version reads {FORMAT}")
     try:
-        return RunResult(**content | {"outcomes": tuple(content["outcomes"])})
-    except (KeyError, TypeError):
-        raise ConfigError(f"{path}: is not the result of a run") from None
+        result = _RESULT.validate_python(content)
+    except ValidationError as error:
+        raise ConfigError(f"{path}: {first_line(error)[:200]}") from None
+    if not result.outcomes or any(len(c) != len(result.steps) for c in result.curves.values()):
+        raise ConfigError(f"{path}: is damaged")
+    return result
 
 
-def _overlay(folder: RunFolder) -> tuple[list[list[float]], bool]:
+def _overlay(folder: RunFolder) -> tuple[list[tuple[float, float]], bool]:
     """Drive the one episode whose path is kept."""
     with one_thread():
-        bench = Rig.build(folder.config, AgentSpec("run", folder.path))
+        rig = Rig.build(folder.config, AgentSpec("run", folder.path))
         try:
-            episode = bench.drive(OVERLAY_SEED)
+            episode = rig.drive(OVERLAY_SEED)
         finally:
-            bench.close()
-    return np.round(episode.pose[::2, :2], 2).tolist(), episode.success
+            rig.close()
+    positions = np.round(episode.pose[::2, :2], 2)
+    return [(float(x), float(y)) for x, y in positions], episode.success
 
 
 def _read(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise ConfigError(f"{path}: is missing") from None
+    except OSError as error:
+        raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError:
         raise ConfigError(f"{path}: is damaged") from None
     if not isinstance(content, dict):

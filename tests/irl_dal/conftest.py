@@ -1,18 +1,19 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-from irl_dal.comparison.drive import Subject
-from irl_dal.comparison.suite import compare
-from irl_dal.figures.comparison_page import write_page
+from irl_dal.comparison import drive, experiment, planning
+from irl_dal.comparison.drive import ComparisonJob
+from irl_dal.comparison.experiment import compare
+from irl_dal.figures.comparison_page import write_comparison_page
 from irl_dal.storage.atomic import write_json
-from tests.irl_dal.comparison.tiny import tiny_subject, untrained_run
+from tests.irl_dal.comparison.tiny import tiny_job, untrained_run
 
 Console = Callable[..., str]
 
@@ -41,8 +42,8 @@ def console(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
 class Compared:
     """A complete comparison."""
 
-    subject: Subject
-    report: dict[str, Any]
+    job: ComparisonJob
+    results: dict[str, Any]
 
 
 @pytest.fixture(scope="session")
@@ -52,10 +53,24 @@ def run(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="session")
-def compared(run: Path, tmp_path_factory: pytest.TempPathFactory) -> Compared:
+def short() -> Iterator[None]:
+    """Comparisons of drives of two seconds: short paths, two states per episode."""
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name, value in (
+            (drive, "PATH_DURATION", 0.5),
+            (experiment, "PATH_DURATION", 0.5),
+            (planning, "STATES", 2),
+            (experiment, "STATES", 2),
+        ):
+            patch.setattr(module, name, value)
+        yield
+
+
+@pytest.fixture(scope="session")
+def compared(run: Path, short: None, tmp_path_factory: pytest.TempPathFactory) -> Compared:
     """A comparison on it with its page."""
-    subject = tiny_subject(run, tmp_path_factory.mktemp("compared") / "out")
-    report = compare(subject)
-    write_json(subject.store.report, report)
-    write_page(subject, report)
-    return Compared(subject, report)
+    job = tiny_job(run, tmp_path_factory.mktemp("compared") / "out")
+    results = compare(job)
+    write_json(job.results, results)
+    write_comparison_page(job, results)
+    return Compared(job, results)

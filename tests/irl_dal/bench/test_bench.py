@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.table import Table
 
 from irl_dal.bench.__main__ import main
 from irl_dal.bench.car import speed_response, steering_response
 from irl_dal.bench.drive import expert_drives
 from irl_dal.bench.lane import lane_numbers
-from irl_dal.bench.speed import compare_speed, missing_peers, parts_table, speed_table
+from irl_dal.bench.speed import compare_speed, missing_peers, parts_table, speed_tables
 from irl_dal.envs import CityConfig
 
 SHORT = CityConfig(route_length=100.0, route_spread=0.0, difficulty="easy")
@@ -22,11 +23,9 @@ def test_lane_numbers_are_those_of_the_errors() -> None:
     wrong[:3] += 5.0
     numbers = lane_numbers([replace(drive, tracked=wrong)])
     error = (wrong - drive.offset)[drive.valid]
-    assert numbers["rmse_tracked_m"] == pytest.approx(np.sqrt(np.mean(error**2)))
-    assert numbers["confidently_wrong_share"] == pytest.approx(
-        drive.valid[:3].sum() / len(drive.valid)
-    )
-    assert numbers["measured_share"] == pytest.approx(np.isfinite(drive.measured).mean())
+    assert numbers["RMSE after tracking [m]"] == pytest.approx(np.sqrt(np.mean(error**2)))
+    assert numbers["confidently wrong"] == pytest.approx(drive.valid[:3].sum() / len(drive.valid))
+    assert numbers["steps with a measurement"] == pytest.approx(np.isfinite(drive.measured).mean())
     assert drive.outcome == "success" and drive.steps == len(drive.offset) - 1
 
 
@@ -35,7 +34,8 @@ def test_speed_is_positive_and_peers_are_named() -> None:
     rates = compare_speed(1, 5, SHORT)
     assert rates["IRLDAL/City-v0"] > 0.0
     assert set(rates) | set(missing_peers()) >= {"CarRacing-v3", "racetrack-v0"}
-    assert speed_table(rates).row_count == len(rates)
+    first = next(iter(speed_tables(1, 5, SHORT)))
+    assert isinstance(first, Table) and first.row_count == len(rates)
     assert parts_table(5, SHORT).row_count >= 6
 
 
@@ -60,3 +60,39 @@ def test_a_bad_track_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
     """Exit code 2 and the reason."""
     assert main(["expert", "--track", "nowhere.csv"]) == 2
     assert capsys.readouterr().err.strip().count("\n") == 0
+
+
+@pytest.mark.parametrize(
+    ("command", "option", "value"),
+    [
+        *(("env", option, "0") for option in ("--rounds", "--steps", "--route-length")),
+        *(("expert", option, "0") for option in ("--episodes", "--jobs")),
+        *(("faults", option, "-1") for option in ("--episodes", "--jobs", "--first-seed")),
+        *(("lane", "--first-seed", value) for value in ("-1", "1.5", "x", "99999999999")),
+        *(("env", "--route-length", value) for value in ("-1", "nan", "inf", "far")),
+        *(("planner", option, "0") for option in ("--rounds", "--contexts")),
+        ("learning", "--rounds", "-3"),
+        ("car", "--rounds", "3"),
+    ],
+)
+def test_a_number_without_sense_is_one_line(
+    command: str, option: str, value: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Exit code 2 and the option's name, for every numeric option; none is ignored."""
+    with pytest.raises(SystemExit) as end:
+        main([command, option, value])
+    line = capsys.readouterr().err
+    assert end.value.code == 2 and option in line and line.count("\n") == 1
+
+
+def test_an_unknown_difficulty_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
+    """The value is shown."""
+    assert main(["expert", "--difficulty", "insane"]) == 2
+    line = capsys.readouterr().err.strip()
+    assert "insane" in line and line.count("\n") == 0
+
+
+def test_units_are_printed(capsys: pytest.CaptureFixture[str]) -> None:
+    """Brackets in a heading are no markup."""
+    assert main(["car"]) == 0
+    assert "[m/s²]" in capsys.readouterr().out

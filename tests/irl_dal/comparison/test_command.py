@@ -15,9 +15,7 @@ SMALL = (
     "episodes=1",
     "projections=[none,x0]",
     "activations=[alone]",
-    "states=1",
     "candidates=2",
-    "path_states=0",
     "film_duration=0",
     "n_jobs=1",
 )
@@ -30,7 +28,7 @@ def call(console: Call) -> Call:
 
 
 def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) -> None:
-    """Tables, numbers and page; the same folder refuses another comparison."""
+    """Tables, numbers and page; the same folder takes another comparison in its place."""
     out = tmp_path / "results"
     printed = call(f"run={run}", f"out={out}", *SMALL)
     assert "planner alone, 1 episodes" in printed and str(out / "index.html") in printed
@@ -39,10 +37,8 @@ def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) ->
     assert report["settings"]["projections"] == ["none", "x0"]
     assert "<video" not in (out / "index.html").read_text()
     assert not (out / "film.webm").exists()
-    line = call(f"run={run}", f"out={out}", *SMALL, "first_seed=7")
-    assert str(out) in line and "first_seed = 20000, asked for is 7" in line
-    line = call(f"run={run}", f"out={out}", *SMALL, "planner.sampler=ddpm")
-    assert "config.planner" in line
+    call(f"run={run}", f"out={out}", *SMALL, "first_seed=7")
+    assert json.loads((out / "compare.json").read_text())["settings"]["first_seed"] == 7
 
 
 @pytest.mark.parametrize(
@@ -57,6 +53,9 @@ def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) ->
         ("run=RUN shield=off", ["shield = ", "varies"]),
         ("run=RUN planner.projection=xt", ["planner.projection = 'xt'", "varies"]),
         ("run=RUN variant=paper", ["variant = 'paper'", "settled"]),
+        ("run=RUN film_duration=inf", ["film_duration", "Got inf"]),
+        ("run=RUN film_duration=nan", ["film_duration", "Got nan"]),
+        ("run=RUN n_jobs=0", ["n_jobs", "Got 0"]),
         ("run=RUN episode=3", ["episode = 3", "no such key"]),
         ("run=RUN planner.horizon=7", ["planner.horizon", "Got 7"]),
     ],
@@ -70,6 +69,14 @@ def test_a_mistake_gets_one_line(
     for part in named:
         assert part in line
     assert not out.exists() and not (run / "comparison").exists()
+
+
+def test_a_folder_that_cannot_be_made_is_refused(run: Path, call: Call, tmp_path: Path) -> None:
+    """Before anything is driven."""
+    (tmp_path / "file").write_text("")
+    for out in (tmp_path / "file", tmp_path / "file" / "out"):
+        line = call(f"run={run}", f"out={out}", *SMALL)
+        assert "out = " in line and str(tmp_path / "file") in line
 
 
 def test_a_run_without_a_planner_is_refused(call: Call, tmp_path: Path) -> None:

@@ -3,28 +3,30 @@ from dataclasses import replace
 import pytest
 
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
-from irl_dal.comparison.settings import Arm, arms_of, state_arms
+from irl_dal.comparison.settings import Setting, all_settings, planning_settings
 from irl_dal.config import ConfigError, RunConfig
 
 
-def test_arms_are_the_product_and_one_without_guidance() -> None:
+def test_settings_are_the_product_and_one_without_guidance() -> None:
     """Two activations, five modes, with and without shield, and the run's own mode unguided."""
     comparison = ComparisonConfig(activations=("trigger", "always"))
-    arms = arms_of(comparison, "xt")
-    assert len(arms) == 2 * 5 * 2 + 2 and len({arm.name for arm in arms}) == len(arms)
-    unguided = [arm for arm in arms if not arm.guided]
-    assert [(arm.projection, arm.shielded) for arm in unguided] == [("xt", True)] * 2
-    assert {arm.baseline for arm in arms} == {
-        Arm("trigger", "none", False),
-        Arm("always", "none", False),
+    settings = all_settings(comparison, "xt")
+    assert len(settings) == 2 * 5 * 2 + 2 and len({setting.name for setting in settings}) == len(
+        settings
+    )
+    unguided = [setting for setting in settings if not setting.guided]
+    assert [(setting.projection, setting.shielded) for setting in unguided] == [("xt", True)] * 2
+    assert {setting.baseline for setting in settings} == {
+        Setting("trigger", "none", False),
+        Setting("always", "none", False),
     }
-    assert len(state_arms(comparison, "xt")) == 6
+    assert len(planning_settings(comparison, "xt")) == 6
 
 
-def test_an_arm_changes_only_the_supervision() -> None:
+def test_a_setting_changes_only_the_supervision() -> None:
     """Projection, activation, shield, guidance; never the network or the city."""
     config = RunConfig()
-    changed = Arm("always", "xt", shielded=False, guided=False).configure(config, candidates=4)
+    changed = Setting("always", "xt", shielded=False, guided=False).configure(config, candidates=4)
     assert changed.planner.projection == "xt" and changed.planner.candidates == 4
     assert changed.planner.guidance.scale == 0.0
     assert changed.planner.activation == "always" and not changed.shield.enabled
@@ -34,32 +36,34 @@ def test_an_arm_changes_only_the_supervision() -> None:
 
 def test_alone_the_planner_has_all_the_weight() -> None:
     """What is executed is the plan's first command, whatever the risk."""
-    alone = Arm("alone", "x0", shielded=False).configure(RunConfig())
+    alone = Setting("alone", "x0", shielded=False).configure(RunConfig())
     assert alone.planner.blend.base == 1.0 and alone.planner.activation == "always"
-    always = Arm("always", "x0", shielded=False).configure(RunConfig())
+    always = Setting("always", "x0", shielded=False).configure(RunConfig())
     assert always.planner.blend == RunConfig().planner.blend
 
 
-def test_which_arms_promise_to_keep_the_bounds() -> None:
+def test_which_settings_promise_to_keep_the_bounds() -> None:
     """With the shield all; without it those that end in a projection."""
-    assert Arm("trigger", "none", True).admissible and Arm("alone", "final", False).admissible
-    assert Arm("always", "x0", False).admissible and Arm("trigger", "x0", False).admissible
+    assert (
+        Setting("trigger", "none", True).admissible and Setting("alone", "final", False).admissible
+    )
+    assert Setting("always", "x0", False).admissible and Setting("trigger", "x0", False).admissible
     assert not any(
-        Arm(activation, "none", False).admissible for activation in ("trigger", "always", "alone")
+        Setting(activation, "none", False).admissible
+        for activation in ("trigger", "always", "alone")
     )
 
 
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"episodes": 0}, "episodes must be at least 1. Got 0"),
+        ({"episodes": 0}, "`episodes` must be at least 1. Got 0"),
         ({"episodes": "many"}, "episodes = 'many'"),
         ({"projections": ["none", "always"]}, r"projections\.1 = 'always': .*'adaptive'"),
-        ({"projections": ["x0", "xt"]}, "projections must hold none"),
-        ({"projections": ["none", "x0", "x0"]}, "projections must name each choice once"),
+        ({"projections": ["x0", "xt"]}, "`projections` must hold none"),
+        ({"projections": ["none", "x0", "x0"]}, "`projections` must name each choice once"),
         ({"activations": ["never"]}, r"activations\.0 = 'never': .*'alone'"),
-        ({"first_seed": -1}, "first_seed must not be negative"),
-        ({"path_duration": 0.0}, "path_duration must be positive"),
+        ({"first_seed": -1}, "`first_seed` must not be negative"),
     ],
 )
 def test_nonsense_is_refused(values: dict[str, object], words: str) -> None:

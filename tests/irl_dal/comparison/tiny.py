@@ -10,8 +10,7 @@ from gymnasium import spaces
 
 from irl_dal.build import build_loop, build_planner, supervision
 from irl_dal.comparison.config import ComparisonConfig
-from irl_dal.comparison.drive import Subject
-from irl_dal.comparison.store import ComparisonStore
+from irl_dal.comparison.drive import ComparisonJob
 from irl_dal.config import RunConfig
 from irl_dal.learning import build_policy
 from irl_dal.storage.checkpoint import CheckpointStore
@@ -22,9 +21,7 @@ TINY = ComparisonConfig(
     episodes=2,
     projections=("none", "x0"),
     activations=("trigger", "alone"),
-    states=2,
     candidates=3,
-    path_duration=0.5,
     film_duration=0.4,
     n_jobs=1,
 )
@@ -60,6 +57,6 @@ def untrained_run(folder: Path, config: RunConfig | None = None) -> Path:
     return folder
 
 
-def tiny_subject(run: Path, out: Path, comparison: ComparisonConfig = TINY) -> Subject:
+def tiny_job(run: Path, out: Path, comparison: ComparisonConfig = TINY) -> ComparisonJob:
     """That run in that comparison."""
-    return Subject(tiny_config(), run, comparison, ComparisonStore(out))
+    return ComparisonJob(tiny_config(), run, comparison, out)

@@ -9,8 +9,8 @@ import imageio.v3 as imageio
 import pytest
 from matplotlib.figure import Figure
 
-from irl_dal.figures import drawing, to_svg
-from irl_dal.figures.comparison_page import render_page
+from irl_dal.figures.comparison_page import comparison_page
+from irl_dal.figures.style import drawing, to_svg
 from tests.irl_dal.conftest import Compared
 
 CHROMIUM = shutil.which("chromium")
@@ -51,7 +51,7 @@ def opened(page: str, folder: Path) -> tuple[dict[str, int], list[str]]:
 @pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium")
 def test_a_browser_draws_every_figure_without_an_error(compared: Compared, tmp_path: Path) -> None:
     """Film decoded, every drawing with its marks, nothing on the console."""
-    page = compared.subject.store.page.read_text(encoding="utf-8")
+    page = compared.job.page.read_text(encoding="utf-8")
     figures, console = opened(page, tmp_path)
     assert console == []
     names = {"film", "denoising", "paths", "commands"}
@@ -65,7 +65,7 @@ def test_a_browser_draws_every_figure_without_an_error(compared: Compared, tmp_p
 @pytest.mark.skipif(CHROMIUM is None, reason="apt-get install chromium")
 def test_the_browser_test_can_fail(compared: Compared, tmp_path: Path) -> None:
     """A broken film, an empty drawing and a script's mistake are noticed."""
-    page = compared.subject.store.page.read_text(encoding="utf-8")
+    page = compared.job.page.read_text(encoding="utf-8")
     page = re.sub(r"base64,[^\"]+", "base64,AAAA", page)
     page = re.sub(r'(<figure id="paths">).*?(</figure>)', r"\1<svg></svg>\2", page, flags=re.S)
     figures, console = opened(page.replace("</main>", "<script>missing()</script>"), tmp_path)
@@ -75,34 +75,34 @@ def test_the_browser_test_can_fail(compared: Compared, tmp_path: Path) -> None:
 
 def test_the_page_needs_nothing_else(compared: Compared) -> None:
     """No link to another file or host; the film is inside; numbers and settings are there."""
-    page = compared.subject.store.page.read_text(encoding="utf-8")
+    page = compared.job.page.read_text(encoding="utf-8")
     links = re.findall(r"""(?:src|href)\s*=\s*["']([^"']{1,40})""", page)
     assert links and all(link.startswith(("data:", "#")) for link in links)
     assert "url(http" not in page and "@import" not in page
     assert "data:video/webm;base64," in page
-    for words in ("Planner on its trigger", "Planner alone", "none + shield", "x0, unguided"):
+    for words in ("planner on its trigger", "planner alone", "none + shield", "x0, unguided"):
         assert words in page
-    assert compared.report["config_hash"] in page
+    assert compared.results["config_hash"] in page
 
 
 def test_the_film_shows_both_drives(compared: Compared) -> None:
-    """Four frames of two halves that differ once the arms do."""
-    frames = imageio.imread(compared.subject.store.film, index=None)
+    """Four frames of two halves that differ once the settings do."""
+    frames = imageio.imread(compared.job.film, index=None)
     assert frames.shape == (4, 640, 1280, 3)
     assert frames[0, 60:400].std() > 5.0
 
 
 def test_pictures_lie_beside_the_page(compared: Compared) -> None:
     """Every figure is written for other documents too."""
-    folder = compared.subject.store.folder / "figures"
+    folder = compared.job.out / "figures"
     assert {path.stem for path in folder.glob("*.png")} >= {"denoising", "commands", "paths"}
     assert all(path.stat().st_size > 5_000 for path in folder.glob("*.png"))
 
 
 def test_what_a_run_is_called_cannot_inject(compared: Compared) -> None:
     """Words of the report are escaped."""
-    report = {**compared.report, "variant": "<script>alert(1)</script>"}
-    assert "<script>alert(1)" not in render_page(report, [], None)
+    results = {**compared.results, "variant": "<script>alert(1)</script>"}
+    assert "<script>alert(1)" not in comparison_page(results, [], None)
 
 
 def test_identifiers_of_two_drawings_differ() -> None:

@@ -17,11 +17,11 @@ from scipy.stats import trim_mean
 
 from irl_dal import report, train
 from irl_dal.config import ConfigError
-from irl_dal.sweep.aggregate import across_runs, band
+from irl_dal.sweep.across_runs import across_runs, band
 from irl_dal.sweep.collection import Collection, collect
-from irl_dal.sweep.findings import findings, interventions, replay_shares
+from irl_dal.sweep.paper_table import estimates_of, notes
+from irl_dal.sweep.remarks import interventions, remarks, replay_shares
 from irl_dal.sweep.result import REPLAY, RunResult, read_result, write_result
-from irl_dal.sweep.table import numbers
 from tests.irl_dal.figures.test_comparison_page import CHROMIUM, opened
 from tests.irl_dal.test_commands import TINY
 
@@ -107,8 +107,8 @@ def test_the_command_writes_table_results_and_page(swept: Path, call: Call, tmp_
     again = call(f"runs={out / 'results'}", f"page={page}")
     assert page.read_text() == text
     assert printed.startswith(again) and len(again) > 500
-    numbers_ = json.loads((out / "report.json").read_text())
-    assert numbers_["shielded"]["command_violation_rate"]["value"] == 0.0
+    numbers = json.loads((out / "report.json").read_text())
+    assert numbers["shielded"]["command_violation_rate"]["value"] == 0.0
     assert {path.name for path in (out / "figures").iterdir()} == {
         "scores.png",
         "dynamics.png",
@@ -168,28 +168,28 @@ def test_a_band_keeps_the_steps_at_which_every_run_has_a_value(result: RunResult
         ([0.7, 0.8], "their intervals do not overlap"),
     ],
 )
-def test_the_findings_say_who_is_out_of_order(
+def test_the_remarks_say_who_is_out_of_order(
     result: RunResult, ours: list[float], how_sure: str
 ) -> None:
     """The paper's order holds, or the page says where it does not, and whether that is noise."""
     rng = np.random.default_rng(0)
     good = runs_of(result, "irl_dal", [0.8]) + runs_of(result, "shielded", [0.9])
-    said = " ".join(findings(c := Collection(good, ()), numbers(c, rng)))
+    said = " ".join(remarks(c := Collection(good), estimates_of(c, rng)))
     assert "By success the variants are in the paper's order." in said
     bad = runs_of(result, "irl_dal", [0.9, 0.92]) + runs_of(result, "shielded", ours)
-    said = " ".join(findings(c := Collection(bad, ()), numbers(c, rng)))
+    said = " ".join(remarks(c := Collection(bad), estimates_of(c, rng)))
     words = f"not in the paper's order: + projection, shield behind + LAM + SAEC ({how_sure})"
     assert words in said
 
 
-def test_the_findings_compare_a_variant_with_all_before_it(result: RunResult) -> None:
+def test_the_remarks_compare_a_variant_with_all_before_it(result: RunResult) -> None:
     """The third may be ahead of the second and still behind the first."""
     first, second, third = (
         runs_of(result, variant, [success])
         for variant, success in (("ppo_uniform", 0.8), ("fsm_replay", 0.6), ("diffusion", 0.7))
     )
-    c = Collection(first + second + third, ())
-    said = findings(c, numbers(c, np.random.default_rng(0)))[0]
+    c = Collection(first + second + third)
+    said = remarks(c, estimates_of(c, np.random.default_rng(0)))[0]
     assert "FSM replay behind PPO, uniform replay" in said
     assert "diffusion planner behind PPO, uniform replay" in said
     assert "behind + FSM replay" not in said
@@ -206,15 +206,15 @@ def test_interventions_are_those_of_the_mixed_phase(result: RunResult) -> None:
     assert interventions([run]) == (0.6, 0.2)
 
 
-def test_the_findings_say_how_much_there_was_to_balance(result: RunResult) -> None:
+def test_the_remarks_say_how_much_there_was_to_balance(result: RunResult) -> None:
     """Shares of the expert's states, from the run's own log, where both replays are compared."""
     assert sum(replay_shares([result]).values()) == pytest.approx(1.0)
     assert replay_shares([replace(result, curves={})]) == {}
     columns = ([5, 10, 30, None], [1, 10, 10, 10], [2, 10, 30, 30], [2, 10, 30, 30])
     curves = {**result.curves, **dict(zip(REPLAY.values(), columns, strict=True))}
     uniform = replace(result, variant="ppo_uniform", curves=curves)
-    both = Collection((uniform, replace(result, variant="fsm_replay")), ())
-    said = " ".join(findings(both, numbers(both, np.random.default_rng(0))))
+    both = Collection((uniform, replace(result, variant="fsm_replay")))
+    said = " ".join(remarks(both, estimates_of(both, np.random.default_rng(0))))
     words = "draws obstacle avoidance in 15.0% of the samples and lane following in 35.0%"
     assert words in said and "draws each state in 25.0%" in said
 
@@ -227,6 +227,14 @@ def test_the_findings_say_how_much_there_was_to_balance(result: RunResult) -> No
         (("runs={tmp}",), "neither runs nor results"),
         (("runs={runs}", "page={tmp}/no.md"), "no such file"),
         (("runs={runs}", "page={tmp}/bare.md"), "lacks <!-- table: begin -->"),
+        (("runs={runs}", "page={tmp}/half.md"), "lacks <!-- table: begin -->"),
+        (("runs={runs}", "page={tmp}"), "page = '{tmp}'"),
+        (("runs={runs}", "page={tmp}/latin.md"), "not UTF-8"),
+        (("runs={runs}", "out={tmp}/bare.md"), "out = '{tmp}/bare.md': is a file"),
+        (("runs={runs}", "out={tmp}/bare.md/out"), "out = '{tmp}/bare.md/out': cannot be written"),
+        (("runs={runs}", "seed=-1"), "seed = -1"),
+        (("runs={runs}", "seed=many"), "seed = 'many'"),
+        (("runs={tmp}/bare.md",), "no such folder"),
     ],
 )
 def test_mistakes_get_one_line(
@@ -236,11 +244,11 @@ def test_mistakes_get_one_line(
     folder = tmp_path / "empty"
     folder.mkdir()
     (folder / "bare.md").write_text("nothing here")
+    (folder / "half.md").write_text("<!-- table: end --> <!-- table: begin -->")
+    (folder / "latin.md").write_bytes(b"caf\xe9")
     asked = [one.format(tmp=folder, runs=swept) for one in arguments]
-    if complaint.startswith("neither"):
-        (folder / "bare.md").unlink()
     printed = call(*asked)
-    assert complaint in printed and len(printed.splitlines()) == 1
+    assert complaint.format(tmp=folder) in printed and len(printed.splitlines()) == 1
 
 
 def test_what_does_not_belong_together_is_refused(result: RunResult, tmp_path: Path) -> None:
@@ -260,13 +268,105 @@ def test_what_does_not_belong_together_is_refused(result: RunResult, tmp_path: P
         collect(tmp_path)
 
 
+def test_a_row_holds_one_configuration(result: RunResult, call: Call, tmp_path: Path) -> None:
+    """The most frequent configuration is the row; others are left out by name, never averaged."""
+    for seed, (digest, success) in enumerate((("aaa", 1.0), ("aaa", 1.0), ("bbb", 0.0))):
+        run = replace(
+            result,
+            seed=seed,
+            origin={**result.origin, "config_hash": digest},
+            evaluation={**result.evaluation, "config_hash": digest, "success": success},
+        )
+        write_result(run, tmp_path / f"{seed}.json")
+    (page := tmp_path / "page.md").write_text("<!-- table: begin --><!-- table: end -->")
+    note = f"left out: {tmp_path / '2.json'} (configuration bbb, the row has aaa)"
+    assert note in call(f"runs={tmp_path}", f"page={page}")
+    assert note in page.read_text() and "| + projection, shield | 2 | 100.0" in page.read_text()
+    # the same seed under another configuration is no duplicate, and an evaluation under other
+    # settings than the training's is another configuration
+    kept = read_result(tmp_path / "0.json")
+    write_result(
+        replace(kept, evaluation={**kept.evaluation, "config_hash": "ccc"}), tmp_path / "2.json"
+    )
+    assert "aaa evaluated as ccc" in collect(tmp_path).left_out[0]
+
+
+def test_among_equally_frequent_configurations_the_last_trained_counts(
+    result: RunResult, tmp_path: Path
+) -> None:
+    """One run each."""
+    for seed, day in enumerate(("2026-01-02", "2026-01-01")):
+        origin = {**result.origin, "config_hash": str(seed), "started": day}
+        write_result(replace(result, seed=seed, origin=origin), tmp_path / f"{seed}.json")
+    assert [run.seed for run in collect(tmp_path).results] == [0]
+
+
+def test_a_row_of_several_commits_says_so(result: RunResult) -> None:
+    """Below the table, with the commits; not where all runs have the same."""
+    other = replace(result, seed=1, origin={**result.origin, "commit": "f" * 40})
+    assert notes(Collection((result,))) == []
+    (note,) = notes(Collection((result, other)))
+    assert "several commits" in note and "+ projection, shield" in note and "fffffff" in note
+
+
+@pytest.mark.parametrize(
+    ("name", "text"),
+    [
+        ("config.yaml", "env: null\n"),
+        ("config.yaml", ": {"),
+        ("run.json", "half a fi"),
+        ("evaluation.json", "half a fi"),
+        ("evaluation.json", "{}"),
+        ("metrics.csv", "nonsense\n1\n"),
+    ],
+)
+def test_a_damaged_run_is_named(
+    swept: Path, call: Call, tmp_path: Path, name: str, text: str
+) -> None:
+    """Among good ones."""
+    for run in ("ppo_uniform-seed0", "shielded-seed0"):
+        shutil.copytree(swept / run, tmp_path / run)
+    (tmp_path / "shielded-seed0" / name).write_text(text)
+    assert str(tmp_path / "shielded-seed0") in call(f"runs={tmp_path}")
+
+
+def test_a_run_without_weights_is_named(swept: Path, call: Call, tmp_path: Path) -> None:
+    """Its path cannot be driven."""
+    shutil.copytree(swept / "shielded-seed0", tmp_path / "shielded-seed0")
+    shutil.rmtree(tmp_path / "shielded-seed0" / "checkpoints")
+    assert str(tmp_path / "shielded-seed0") in call(f"runs={tmp_path}")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [{"seed": "x"}, {"steps": None}, {"outcomes": []}, {"curves": {"bc/loss": [1.0]}}, {"path": 3}],
+)
+def test_a_damaged_result_is_named(
+    result: RunResult, tmp_path: Path, change: dict[str, object]
+) -> None:
+    """Every field has its type."""
+    path = tmp_path / "one.json"
+    write_result(result, path)
+    path.write_text(json.dumps({**json.loads(path.read_text()), **change}))
+    with pytest.raises(ConfigError, match="one.json"):
+        collect(tmp_path)
+
+
+def test_a_metric_that_is_no_number_is_named(result: RunResult) -> None:
+    """Instead of a traceback from numpy."""
+    wrong = replace(result, evaluation={**result.evaluation, "success": "high"})
+    with pytest.raises(ConfigError, match="success = 'high'"):
+        across_runs([wrong], "success", np.random.default_rng(0))
+
+
 def test_an_unfinished_run_is_left_out_and_named(swept: Path, call: Call, tmp_path: Path) -> None:
     """It has no evaluation yet."""
     for name in ("ppo_uniform-seed0", "shielded-seed0"):
         shutil.copytree(swept / name, tmp_path / name)
     (tmp_path / "ppo_uniform-seed0" / "evaluation.json").unlink()
     printed = call(f"runs={tmp_path}")
-    assert "not finished, left out" in printed and "+ projection, shield" in printed
+    assert "(not finished)" in printed and "left out" in printed
+    assert "+ projection, shield" in printed
     assert "PPO" not in printed
 
 

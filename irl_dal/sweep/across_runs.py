@@ -54,7 +54,7 @@ def across_runs(results: Sequence[RunResult], metric: str, rng: np.random.Genera
     Returns:
         Without an interval for a single run; all None where no run has the metric.
     """
-    known = [result.evaluation.get(metric) for result in results]
+    known = [result.score(metric) for result in results]
     scores = np.array([value for value in known if value is not None], np.float64)
     if not len(scores):
         return Estimate()

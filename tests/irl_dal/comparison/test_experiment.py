@@ -6,15 +6,16 @@ from typing import Any
 import numpy as np
 import pytest
 
-from irl_dal.comparison import suite
-from irl_dal.comparison.drive import arm_bench, arm_planner, plan_log, risky_contexts
-from irl_dal.comparison.settings import Arm, arms_of
-from irl_dal.comparison.suite import compare
+from irl_dal.comparison import experiment
+from irl_dal.comparison.drive import setting_rig
+from irl_dal.comparison.experiment import compare
+from irl_dal.comparison.planning import plan_log, risky_contexts, setting_planner
+from irl_dal.comparison.settings import Setting, all_settings
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.metrics import compute_metrics
 from irl_dal.evaluation.rig import Rig
 from irl_dal.planner import ProjectionMode
-from tests.irl_dal.comparison.tiny import TINY, tiny_subject
+from tests.irl_dal.comparison.tiny import TINY, tiny_job
 from tests.irl_dal.conftest import Compared
 
 
@@ -30,23 +31,23 @@ def numbers(report: dict[str, object]) -> dict[str, Any]:
 
 
 def test_pure_diffusion_breaks_bounds_and_nothing_else_does(compared: Compared) -> None:
-    """Executed violations: many without projection and shield, exactly 0 in admissible arms."""
-    arms = {arm.name: arm for arm in arms_of(TINY, "x0")}
-    for name, found in compared.report["arms"].items():
-        if arms[name].admissible:
+    """Executed violations: many without projection and shield, exactly 0 in admissible settings."""
+    settings = {setting.name: setting for setting in all_settings(TINY, "x0")}
+    for name, found in compared.results["arms"].items():
+        if settings[name].admissible:
             assert found["command_violation_rate"] == 0.0, name
-        if arms[name].projection != "none":
+        if settings[name].projection != "none":
             assert found["nominal_violation_rate_planner"] == 0.0, name
-    assert compared.report["arms"]["alone-none-bare"]["command_violation_rate"] > 0.3
-    assert compared.report["arms"]["alone-none-bare"]["correction_norm"] == 0.0
-    assert compared.report["arms"]["alone-none-shield"]["nominal_violation_rate"] > 0.3
-    assert compared.report["arms"]["alone-none-shield"]["correction_norm"] > 0.0
-    assert compared.report["arms"]["alone-x0-bare"]["command_violation_rate"] == 0.0
+    assert compared.results["arms"]["alone-none-bare"]["command_violation_rate"] > 0.3
+    assert compared.results["arms"]["alone-none-bare"]["correction_norm"] == 0.0
+    assert compared.results["arms"]["alone-none-shield"]["nominal_violation_rate"] > 0.3
+    assert compared.results["arms"]["alone-none-shield"]["correction_norm"] > 0.0
+    assert compared.results["arms"]["alone-x0-bare"]["command_violation_rate"] == 0.0
 
 
 def test_plans_in_the_same_states(compared: Compared) -> None:
     """Projected plans keep every bound, pure ones do not; guidance lowers a plan's energy."""
-    states = compared.report["states"]
+    states = compared.results["states"]
     assert set(states) == {"none", "x0", "x0, unguided"}
     assert states["none"]["state_plan_violation_rate"] > 0.3
     assert states["x0"]["state_plan_violation_rate"] == 0.0
@@ -62,12 +63,12 @@ def test_guided_plans_have_less_energy_in_logged_risky_states(
     compared: Compared, projection: ProjectionMode
 ) -> None:
     """In the risky states of two drives of the expert, with the same noise, one plan in each."""
-    arms = [Arm("trigger", projection, True, guided=guided) for guided in (True, False)]
+    settings = [Setting("trigger", projection, True, guided=guided) for guided in (True, False)]
     logs = []
-    with arm_bench(compared.subject, arms[0]) as bench:
-        contexts = [list(risky_contexts(bench, seed)[1].values()) for seed in TINY.seeds]
-    for arm in arms:
-        planner = arm_planner(compared.subject, arm, 1)
+    with setting_rig(compared.job, settings[0]) as rig:
+        contexts = [list(risky_contexts(rig, seed)[1].values()) for seed in TINY.seeds]
+    for setting in settings:
+        planner = setting_planner(compared.job, setting, 1)
         plans = [plan for group in contexts for plan in plan_log(planner, group, 0)]
         logs.append(np.array([entry.plan.energy for entry in plans]))
     guided, unguided = logs
@@ -78,11 +79,11 @@ def test_guided_plans_have_less_energy_in_logged_risky_states(
 
 def test_numbers_are_those_of_an_evaluation(compared: Compared) -> None:
     """An arm driven anew and given to the metrics module yields the report's numbers."""
-    subject, arm = compared.subject, Arm("trigger", "x0", shielded=True)
-    with arm_bench(subject, arm) as bench:
-        episodes = [bench.episode(seed) for seed in TINY.seeds]
+    job, setting = compared.job, Setting("trigger", "x0", shielded=True)
+    with setting_rig(job, setting) as rig:
+        episodes = [rig.episode(seed) for seed in TINY.seeds]
     again = compute_metrics(episodes, np.random.default_rng(0))
-    found = compared.report["arms"][arm.name]
+    found = compared.results["arms"][setting.name]
     assert again["intervention_rate"] == found["intervention_rate"] > 0.0
     for key, value in again.items():
         if value is not None and not key.endswith("_ci95") and not key.startswith("latency"):
@@ -92,7 +93,7 @@ def test_numbers_are_those_of_an_evaluation(compared: Compared) -> None:
 
 def test_differences_are_paired_with_pure_diffusion(compared: Compared) -> None:
     """Each arm minus its own activation's pure arm; the pure arm's own difference is zero."""
-    arms = compared.report["arms"]
+    arms = compared.results["arms"]
     for name, arm in arms.items():
         base = arms[f"{arm['activation']}-none-bare"]
         gap = arm["comfort_rms_jerk"] - base["comfort_rms_jerk"]
@@ -107,29 +108,29 @@ def test_an_interrupted_comparison_goes_on(
 ) -> None:
     """What was driven before the interruption is not driven again, and the numbers are the same."""
     alone = replace(TINY, activations=("alone",))
-    subject = tiny_subject(run, tmp_path / "out", alone)
+    job = tiny_job(run, tmp_path / "out", alone)
     drive, driven = Rig.drive, []
 
-    def counted(bench: Rig, seed: int) -> object:
+    def counted(rig: Rig, seed: int) -> object:
         if len(driven) == 3:
             raise KeyboardInterrupt
         driven.append(seed)
-        return drive(bench, seed)
+        return drive(rig, seed)
 
     monkeypatch.setattr(Rig, "drive", counted)
     with pytest.raises(KeyboardInterrupt):
-        compare(subject)
-    kept = sorted((tmp_path / "out" / "episodes").rglob("*.json"))
+        compare(job)
+    kept = sorted((tmp_path / "out").rglob("driving/*/*.json"))
     assert len(kept) == 3
     stamps = [path.stat().st_mtime_ns for path in kept]
     driven.clear()
     driven.extend([-1] * 4)
-    monkeypatch.setattr(suite, "plan_in_states", None)
-    report = compare(subject)
+    monkeypatch.setattr(experiment, "plan_in_states", None)
+    results = compare(job)
     assert [path.stat().st_mtime_ns for path in kept] == stamps
-    assert len(driven) == 4 + 2 * len(report["arms"]) - 3
-    found = numbers(report)["arms"]
-    assert found == {name: numbers(compared.report)["arms"][name] for name in found}
+    assert len(driven) == 4 + 2 * len(results["arms"]) - 3
+    found = numbers(results)["arms"]
+    assert found == {name: numbers(compared.results)["arms"][name] for name in found}
 
 
 def test_a_complete_comparison_drives_nothing(
@@ -140,35 +141,42 @@ def test_a_complete_comparison_drives_nothing(
     def never(*_: object) -> None:
         raise AssertionError("driven again")
 
-    monkeypatch.setattr(suite, "drive_arm", never)
-    monkeypatch.setattr(suite, "plan_in_states", never)
-    assert numbers(compare(compared.subject)) == numbers(compared.report)
-    fewer = replace(compared.subject, comparison=replace(TINY, episodes=1))
+    monkeypatch.setattr(experiment, "drive_setting", never)
+    monkeypatch.setattr(experiment, "plan_in_states", never)
+    assert numbers(compare(compared.job)) == numbers(compared.results)
+    fewer = replace(compared.job, comparison=replace(TINY, episodes=1))
     assert len(compare(fewer)["arms"]["alone-x0-bare"]["seeds"]) == 1
 
 
-@pytest.mark.parametrize(
-    ("key", "value"), [("first_seed", 5), ("states", 1), ("candidates", 4), ("path_states", 0)]
-)
-def test_other_settings_are_refused(compared: Compared, key: str, value: int) -> None:
-    """A folder holds one comparison; the complaint names the setting and both values."""
-    other = replace(compared.subject, comparison=replace(TINY, **{key: value}))
-    with pytest.raises(ConfigError, match=f"{key} = {getattr(TINY, key)}, asked for is {value}"):
-        compare(other)
+def test_a_larger_comparison_drives_only_what_it_adds(
+    compared: Compared, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another candidate count or planner is another result; another first seed adds episodes."""
+    asked: list[tuple[object, list[int]]] = []
 
+    def noted(_job: object, _store: object, who: object, seeds: list[int]) -> int:
+        asked.append((who, seeds))
+        raise KeyboardInterrupt
 
-def test_another_planner_is_refused(compared: Compared) -> None:
-    """The configuration of the run counts too."""
-    config = compared.subject.config
+    monkeypatch.setattr(experiment, "plan_in_states", noted)
+    later = replace(TINY, first_seed=TINY.first_seed + 1)
+    with pytest.raises(KeyboardInterrupt):
+        compare(replace(compared.job, comparison=later))
+    assert asked[-1][1] == [TINY.first_seed + 2]
+    config = compared.job.config
     slower = replace(config, planner=replace(config.planner, sampling_steps=5))
-    words = r"config\.planner\.sampling_steps = 4, asked for is 5"
-    with pytest.raises(ConfigError, match=words):
-        compare(replace(compared.subject, config=slower))
+    for job in (
+        replace(compared.job, comparison=replace(TINY, candidates=4)),
+        replace(compared.job, config=slower),
+    ):
+        with pytest.raises(KeyboardInterrupt):
+            compare(job)
+        assert asked[-1][1][0] == TINY.first_seed
 
 
 def test_a_folder_of_something_else_is_refused(run: Path, tmp_path: Path) -> None:
     """Nothing is written into a folder that holds other things."""
     (tmp_path / "mine.txt").write_text("precious")
     with pytest.raises(ConfigError, match="not the folder of a comparison"):
-        compare(tiny_subject(run, tmp_path))
+        compare(tiny_job(run, tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["mine.txt"]

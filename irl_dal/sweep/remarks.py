@@ -1,4 +1,4 @@
-"""What a report found, in sentences made of its numbers."""
+"""What the runs show, in sentences made of their numbers."""
 
 from __future__ import annotations
 
@@ -11,17 +11,17 @@ import numpy as np
 from expert.modes import Mode
 from irl_dal.evaluation.statistics import Estimate
 from irl_dal.sweep.collection import ORDER, Collection
+from irl_dal.sweep.paper_table import Estimates, label
 from irl_dal.sweep.result import REPLAY, RunResult
-from irl_dal.sweep.table import Numbers, label
 
-__all__ = ["findings", "interventions", "replay_shares"]
+__all__ = ["interventions", "remarks", "replay_shares"]
 
 
-def findings(collection: Collection, found: Numbers) -> list[str]:
+def remarks(collection: Collection, estimates: Estimates) -> list[str]:
     """The order of the variants, what there was to balance, and how interventions went."""
     sentences = [
-        _order(found, "success", "success", rising=True),
-        _order(found, "collisions_per_1k_steps", "collisions", rising=False),
+        _order(estimates, "success", "success", rising=True),
+        _order(estimates, "collisions_per_1k_steps", "collisions", rising=False),
         _balance(collection),
     ]
     for variant in collection.variants:
@@ -89,19 +89,19 @@ def _words(mode: Mode) -> str:
     return mode.name.lower().replace("_", " ")
 
 
-def _order(found: Numbers, key: str, words: str, *, rising: bool) -> str:
+def _order(estimates: Estimates, key: str, words: str, *, rising: bool) -> str:
     """Whether the variants of the paper are in its order, each of them behind none before it."""
-    names = [name for name in ORDER if name in found and name != "paper"]
+    names = [name for name in ORDER if name in estimates and name != "paper"]
     sign = 1.0 if rising else -1.0
-    values = [found[name][key].value for name in names]
+    values = [estimates[name][key].value for name in names]
     numbers = [math.nan if value is None else sign * value for value in values]
     if len(names) < 2 or any(map(math.isnan, numbers)):
         return ""
-    wrong = [
-        f"{label(after)} behind {label(before)} ({_apart(found[before][key], found[after][key])})"
-        for (before, one), (after, two) in combinations(zip(names, numbers, strict=True), 2)
-        if two < one
-    ]
+    wrong = []
+    for (before, one), (after, two) in combinations(zip(names, numbers, strict=True), 2):
+        if two < one:
+            apart = _apart(estimates[before][key], estimates[after][key])
+            wrong.append(f"{label(after)} behind {label(before)} ({apart})")
     if not wrong:
         return f"By {words} the variants are in the paper's order."
     return f"By {words} the variants are not in the paper's order: {', '.join(wrong)}."

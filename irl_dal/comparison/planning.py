@@ -1,0 +1,174 @@
+"""Plans of every setting in the same states: the risky ones of the expert's drives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.build import build_planner
+from irl_dal.comparison.drive import ComparisonJob, setting_rig
+from irl_dal.comparison.settings import Setting
+from irl_dal.evaluation.agents import ExpertAgent
+from irl_dal.evaluation.episode import Episode, LoggedPlan
+from irl_dal.evaluation.metrics import plan_rows
+from irl_dal.evaluation.rig import Rig
+from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.loop import Observation
+from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext, Refinement
+from irl_dal.planner.projection import defect
+from irl_dal.storage.checkpoint import CheckpointStore
+from irl_dal.storage.result_store import ResultStore
+
+__all__ = [
+    "STATES",
+    "DenoisingTrace",
+    "most_violating_state",
+    "plan_in_states",
+    "plan_log",
+    "risky_contexts",
+    "setting_planner",
+    "trace_plan",
+]
+
+Array = NDArray[np.float64]
+
+STATES = 10  # risky states per episode in which every setting plans
+
+
+def setting_planner(
+    job: ComparisonJob, setting: Setting, candidates: int | None = None
+) -> DiffusionPlanner:
+    """The run's planner in a setting."""
+    planner = build_planner(setting.configure(job.config, candidates))
+    assert planner is not None
+    state = CheckpointStore(job.run_dir).load().state
+    planner.load_state_dict(state["diffusion"]["network"])
+    return planner
+
+
+def plan_in_states(
+    job: ComparisonJob, store: ResultStore, settings: Sequence[Setting], seeds: Sequence[int]
+) -> int:
+    """Drive the expert, and plan in its risky states in every setting with the same noise.
+
+    Returns:
+        How many episodes were driven.
+    """
+    planners = {
+        setting: setting_planner(job, setting, job.comparison.candidates) for setting in settings
+    }
+    with setting_rig(job, settings[0]) as rig:
+        for seed in seeds:
+            expert, contexts = risky_contexts(rig, seed)
+            steps = sorted(contexts)
+            places = np.linspace(0, len(steps) - 1, min(STATES, len(steps))).astype(int)
+            chosen = [contexts[steps[place]] for place in places]
+            for setting, planner in planners.items():
+                log = plan_log(planner, chosen, seed)
+                rows = plan_rows(log, job.config.limits, "state_") if chosen else {}
+                store.put(f"planning/{setting.plan_label}", seed, {"rows": rows})
+            store.put("expert", seed, {"pose": np.round(expert.pose, 6).tolist()})
+    return len(seeds)
+
+
+def risky_contexts(rig: Rig, seed: int) -> tuple[Episode, dict[int, PlanningContext]]:
+    """The expert's episode, and the contexts of its risky states by step."""
+    contexts: dict[int, PlanningContext] = {}
+    step = 0
+
+    def watch(_observation: Observation, info: Mapping[str, Any]) -> None:
+        nonlocal step
+        if info["risk"].risky:
+            contexts[step] = info["context"]
+        step += 1
+
+    with rig.loop.under(rig.reference):
+        episode = drive_episode(rig.loop, ExpertAgent(), seed, watch)
+    contexts.pop(episode.steps, None)
+    return episode, contexts
+
+
+def plan_log(
+    planner: DiffusionPlanner, contexts: Sequence[PlanningContext], seed: int
+) -> list[LoggedPlan]:
+    """Plans from contexts; the noise depends on the seed and on the context's place."""
+    plans = []
+    for place, context in enumerate(contexts):
+        planner.reset()
+        planner.generator.manual_seed(1000 * seed + place)
+        plans.append(LoggedPlan(planner.plan(context), context.previous))
+    return plans
+
+
+@dataclass(slots=True)
+class _Watcher(Refinement):
+    """Remembers every clean estimate as the loop goes on with it."""
+
+    seen: list[Array] = field(default_factory=list)
+
+    def clean(self, clean: Array, index: int) -> Array:
+        """Remember it (B, H, 2)."""
+        self.seen.append(clean.copy())
+        return clean
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DenoisingTrace:
+    """The clean estimates of one call of the planner.
+
+    Attributes:
+        label: Name of the projection mode.
+        k: Diffusion step that each estimate belongs to (S,).
+        estimates: (S, N, H, 2) [rad, m/s].
+        plan: What came out.
+    """
+
+    label: str
+    k: NDArray[np.int64]
+    estimates: Array
+    plan: Plan
+
+
+def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, PlanningContext]:
+    """The risky state of the comparison's first seeds in which pure diffusion errs most.
+
+    Returns:
+        The seed and the state; where the expert met no risk, its first state's own.
+    """
+    planner = setting_planner(job, setting, job.comparison.candidates)
+    states: list[tuple[float, int, PlanningContext]] = []
+    with setting_rig(job, setting) as rig:
+        for seed in job.comparison.seeds[:3]:
+            _, contexts = risky_contexts(rig, seed)
+            places = sorted(contexts)[:: max(1, len(contexts) // 8)]
+            for context in (contexts[place] for place in places):
+                planner.generator.manual_seed(seed)
+                plan = planner.plan(context)
+                worst = defect(plan.candidates, context.previous, planner.limits)
+                states.append((float(np.median(worst)), seed, context))
+        if not states:
+            seed = job.comparison.first_seed
+            states.append((0.0, seed, rig.loop.reset(seed=seed)[1]["context"]))
+    _, seed, context = max(states, key=lambda entry: entry[0])
+    return seed, context
+
+
+def trace_plan(
+    job: ComparisonJob, setting: Setting, context: PlanningContext, seed: int
+) -> DenoisingTrace:
+    """Plan once and watch; the noise depends on the seed alone."""
+    planner = setting_planner(job, setting, job.comparison.candidates)
+    planner.generator.manual_seed(seed)
+    watcher = _Watcher()
+    plan = planner.plan(context, [watcher])
+    estimates = [planner.limits.to_command(clean) for clean in watcher.seen]
+    return DenoisingTrace(
+        label=setting.projection,
+        k=planner.config.make_sampler().transitions.k[: len(estimates)],
+        estimates=np.array(estimates).reshape(-1, *plan.candidates.shape),
+        plan=plan,
+    )

@@ -1,0 +1,96 @@
+"""From the kept rows to numbers with intervals and paired differences; nothing is defined here.
+
+The definition of each number stands in `irl_dal/evaluation/metrics.py`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from irl_dal.comparison.settings import Setting
+from irl_dal.evaluation.metrics import STATISTICS, Value, join_rows, latencies
+from irl_dal.evaluation.statistics import difference, estimate
+from irl_dal.storage.result_store import ResultStore
+
+__all__ = ["summarise"]
+
+Rows = Mapping[str, NDArray[np.float64]]
+
+
+def summarise(
+    store: ResultStore,
+    settings: Sequence[Setting],
+    planning: Sequence[Setting],
+    seeds: Sequence[int],
+) -> dict[str, Any]:
+    """All numbers of a complete comparison.
+
+    Args:
+        store: Holds every episode.
+        settings: Which drove.
+        planning: Which planned in the expert's risky states.
+        seeds: On which seeds.
+
+    Returns:
+        `arms`: per setting its flat numbers, with `<key>_ci95`, and `<key>_vs_none` and
+        `<key>_vs_none_ci95`, the paired difference from its baseline on the same seeds;
+        `states`: per planning setting the same of plans in the same states, against mode `none`.
+    """
+    rng = np.random.default_rng(seeds[0])
+    episodes = {each: _read(store, f"driving/{each.name}", seeds) for each in settings}
+    rows = {
+        each: join_rows(entry["rows"] for entry in entries) for each, entries in episodes.items()
+    }
+    driven = {}
+    for setting, entries in episodes.items():
+        head: dict[str, Any] = {
+            "activation": setting.activation,
+            "projection": setting.projection,
+            "shielded": setting.shielded,
+            "guided": setting.guided,
+            "label": setting.label,
+            "episodes": len(seeds),
+            "steps": sum(entry["steps"] for entry in entries),
+            "seeds": list(seeds),
+            "episode_success": [bool(entry["success"]) for entry in entries],
+        }
+        numbers = _numbers(rows[setting], rows[setting.baseline], rng)
+        driven[setting.name] = head | numbers | latencies(entries)
+    plans = {
+        each: join_rows(
+            entry["rows"] for entry in _read(store, f"planning/{each.plan_label}", seeds)
+        )
+        for each in planning
+    }
+    (pure,) = (each for each in planning if each.projection == "none" and each.guided)
+    states = {
+        each.plan_label: {"projection": each.projection, "guided": each.guided}
+        | _numbers(plans[each], plans[pure], rng)
+        for each in planning
+    }
+    return {"arms": driven, "states": states}
+
+
+def _read(store: ResultStore, kind: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
+    entries = [store.get(kind, seed) for seed in seeds]
+    return [entry for entry in entries if entry is not None]
+
+
+def _rows(entries: Sequence[Mapping[str, Any]]) -> Rows:
+    return join_rows(entry["rows"] for entry in entries)
+
+
+def _numbers(rows: Rows, baseline: Rows, rng: np.random.Generator) -> dict[str, Value]:
+    """Values, intervals and paired differences of every number that has rows."""
+    numbers: dict[str, Value] = {}
+    for name, table in rows.items():
+        statistic = STATISTICS[name]
+        numbers |= estimate(table, statistic, rng).entries(name)
+        paired = np.hstack([table, baseline[name]])
+        gap = estimate(paired, difference(statistic), rng)
+        numbers |= gap.entries(f"{name}_vs_none")
+    return numbers

@@ -1,0 +1,185 @@
+"""The paper's Table I with ours beside it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from rich.table import Table
+
+from irl_dal.config import ConfigError
+from irl_dal.evaluation.statistics import Estimate
+from irl_dal.figures.style import GREY, VARIANT_COLOURS
+from irl_dal.figures.table import Cell, Column, NumberTable
+from irl_dal.storage.atomic import write_text
+from irl_dal.sweep.across_runs import across_runs
+from irl_dal.sweep.collection import Collection
+
+__all__ = [
+    "COLUMNS",
+    "Estimates",
+    "MarkedPage",
+    "estimates_of",
+    "label",
+    "markdown_table",
+    "notes",
+    "paper_table",
+    "printed_tables",
+]
+
+Estimates = Mapping[str, Mapping[str, Estimate]]
+"""By variant and metric."""
+
+LABELS = {
+    "ppo_uniform": "PPO, uniform replay",
+    "fsm_replay": "+ FSM replay",
+    "diffusion": "+ diffusion planner",
+    "irl_dal": "+ LAM + SAEC",
+    "shielded": "+ projection, shield",
+    "paper": "all as printed",
+}
+"""Words for the variants."""
+
+PAPER_RUNS = "10"
+"""Runs behind each number of the paper's Table I."""
+
+
+def _printed(*values: str) -> dict[str, str]:
+    """Table I's numbers of its four variants."""
+    return dict(zip(("ppo_uniform", "fsm_replay", "diffusion", "irl_dal"), values, strict=True))
+
+
+COLUMNS: tuple[Column, ...] = (
+    Column("success", "success", "%", 1, 1, paper=_printed("78.1", "88.4", "92.0", "96.3")),
+    Column(
+        "collisions_per_1k_steps", "crashes / 1k", "", 3, -1,
+        paper=_printed("0.63", "0.30", "0.15", "0.05"),
+    ),
+    Column("command_violation_rate", "out of bounds", "%", 2, -1),
+    Column(
+        "normalized_return", "return [0, 200]", "", 1, 1,
+        paper=_printed("85.2", "120.4", "155.1", "180.7"),
+    ),
+    Column("bc_loss", "BC loss", "", 4, -1, paper=_printed("0.171", "0.123", "0.130", "0.074")),
+    Column(
+        "action_similarity", "similarity", "%", 1, 1,
+        paper=_printed("65.3", "75.1", "80.2", "85.7"),
+    ),
+    Column("ade_m", "ADE", "m", 2, -1, paper=_printed("5.25", "4.10", "3.15", "2.45")),
+    Column("fde_m", "FDE", "m", 2, -1, paper=_printed("11.8", "9.5", "7.2", "5.1")),
+)  # fmt: skip
+
+_BEGIN, _END = "<!-- table: begin -->", "<!-- table: end -->"
+
+
+def label(variant: str) -> str:
+    """Words for a variant; an unknown one is shown by its name."""
+    return LABELS.get(variant, variant)
+
+
+def estimates_of(collection: Collection, rng: np.random.Generator) -> Estimates:
+    """Interquartile means of all columns of all variants."""
+    return {
+        variant: {
+            column.key: across_runs(collection.of(variant), column.key, rng) for column in COLUMNS
+        }
+        for variant in collection.variants
+    }
+
+
+def paper_table(collection: Collection, estimates: Estimates) -> NumberTable:
+    """The table, for whatever shows it."""
+    rows = []
+    for variant in collection.variants:
+        theirs = PAPER_RUNS if variant in COLUMNS[0].paper else ""
+        cells = [Cell(str(len(collection.of(variant))), ("", theirs))]
+        for column in COLUMNS:
+            one = estimates[variant][column.key]
+            interval = column.interval((one.low, one.high))
+            cells.append(Cell(column.text(one.value), (interval, column.paper.get(variant, ""))))
+        rows.append((label(variant), VARIANT_COLOURS.get(variant, GREY), cells))
+    first = collection.results[0]
+    return NumberTable(
+        f"Interquartile mean over runs and 95 % stratified bootstrap interval; each run on "
+        f"{len(first.outcomes)} episodes from seed {first.first_seed}",
+        ["runs", *(column.heading for column in COLUMNS)],
+        rows,
+        " ".join(notes(collection)),
+        ("95 %", "paper"),
+    )
+
+
+def printed_tables(table: NumberTable) -> list[Table]:
+    """What the command prints: safety first, then how near to the expert."""
+    half = len(COLUMNS) // 2
+    return [
+        table.printed(range(half + 1)),
+        table.printed([0, *range(half + 1, len(COLUMNS) + 1)], ""),
+    ]
+
+
+def markdown_table(collection: Collection, estimates: Estimates) -> str:
+    """The same for a page of Markdown, with the notes below."""
+    table = paper_table(collection, estimates)
+    return "\n\n".join([f"{table.title}.", table.markdown(), *notes(collection)])
+
+
+def notes(collection: Collection) -> list[str]:
+    """What a reader of the table has to know: runs left out, rows made by several commits."""
+    mixed = []
+    for variant in collection.variants:
+        commits = {commit[:7] for run in collection.of(variant) for commit in run.commits}
+        if len(commits) > 1:
+            mixed.append(f"{label(variant)} ({', '.join(sorted(commits))})")
+    several = [f"Rows whose runs are of several commits: {'; '.join(mixed)}."] if mixed else []
+    return [*several, *collection.left_out]
+
+
+@dataclass(frozen=True, slots=True)
+class MarkedPage:
+    """A Markdown page with a table between two markers.
+
+    Attributes:
+        path: The page.
+        before: Text up to and with the first marker.
+        after: Text from the second marker on.
+    """
+
+    path: Path
+    before: str
+    after: str
+
+    @classmethod
+    def read(cls, path: Path) -> MarkedPage:
+        """Read a page.
+
+        Raises:
+            ConfigError: It is missing, cannot be read or lacks the markers.
+        """
+        where = f"page = {str(path)!r}"
+        try:
+            text = path.read_text(encoding="utf-8")
+        except FileNotFoundError:
+            raise ConfigError(f"{where}: there is no such file") from None
+        except OSError as error:
+            raise ConfigError(f"{where}: {error.strerror}") from None
+        except UnicodeDecodeError:
+            raise ConfigError(f"{where}: is not UTF-8 text") from None
+        before, begin, rest = text.partition(_BEGIN)
+        _, end, after = rest.partition(_END)
+        if not begin or not end:
+            raise ConfigError(f"{where}: lacks {_BEGIN} and {_END}")
+        return cls(path, before + begin, end + after)
+
+    def replace(self, table: str) -> None:
+        """Write the page with another table.
+
+        Raises:
+            ConfigError: The page cannot be written.
+        """
+        try:
+            write_text(self.path, f"{self.before}\n\n{table}\n\n{self.after}")
+        except OSError as error:
+            raise ConfigError(f"page = {str(self.path)!r}: {error.strerror}") from None
