@@ -80,16 +80,11 @@ def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any
     ]
     _work(job, store, "expert's states", states, console)
     _work(job, store, "driving", drives, console)
-    constants = {
-        "states": STATES,
-        "path_states": PATH_STATES,
-        "path_duration": PATH_DURATION,
-    }
     return {
         "variant": job.config.variant,
         "training_seed": job.config.seed,
         **provenance(job.config),
-        "settings": asdict(comparison) | constants,
+        "settings": asdict(comparison) | _constants(),
         "sampler": job.config.planner.sampler,
         "default_projection": job.config.planner.projection,
         **summarise(store, settings, planning, seeds),
@@ -101,11 +96,16 @@ def result_store(job: ComparisonJob) -> ResultStore:
     config = to_mapping(job.config)
     key = result_key(
         {group: config[group] for group in GROUPS}
-        | {"candidates": job.comparison.candidates, "states": STATES}
-        | {"path_states": PATH_STATES, "path_duration": PATH_DURATION},
+        | {"candidates": job.comparison.candidates}
+        | _constants(),
         CheckpointStore(job.run_dir).load().folder,
     )
     return ResultStore(job.out / "driven" / key)
+
+
+def _constants() -> dict[str, float]:
+    """The part of the extent that is not configured."""
+    return {"states": STATES, "path_states": PATH_STATES, "path_duration": PATH_DURATION}
 
 
 def _claim(job: ComparisonJob) -> None:

@@ -60,12 +60,7 @@ def summarise(
         }
         numbers = _numbers(rows[setting], rows[setting.baseline], rng)
         driven[setting.name] = head | numbers | latencies(entries)
-    plans = {
-        each: join_rows(
-            entry["rows"] for entry in _read(store, f"planning/{each.plan_label}", seeds)
-        )
-        for each in planning
-    }
+    plans = {each: _rows(_read(store, f"planning/{each.plan_label}", seeds)) for each in planning}
     (pure,) = (each for each in planning if each.projection == "none" and each.guided)
     states = {
         each.plan_label: {"projection": each.projection, "guided": each.guided}
