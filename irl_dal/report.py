@@ -16,8 +16,7 @@ import numpy as np
 from omegaconf import DictConfig
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import path_argument
-from irl_dal.cli.streams import require_writable
+from irl_dal.cli.overrides import path_argument, require_writable
 from irl_dal.config import ConfigError
 from irl_dal.figures.document import write_pictures
 from irl_dal.figures.sweep_page import sweep_figures, write_sweep_page

@@ -18,7 +18,7 @@ from typing import Any
 from joblib import Parallel, delayed
 from rich.console import Console
 
-from irl_dal.cli.streams import require_writable
+from irl_dal.cli.overrides import require_writable
 from irl_dal.comparison.drive import (
     PATH_DURATION,
     PATH_STATES,
