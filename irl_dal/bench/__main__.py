@@ -66,8 +66,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     console = new_console()
     with one_line_errors():
-        for part in options.measure(options, console):
-            console.print(part)
+        try:
+            for part in options.measure(options, console):
+                console.print(part)
+        except (ConfigError, CheckpointError) as error:
+            print(f"error: {error}", file=sys.stderr)
+            return 2
     return 0
 
 
