@@ -36,6 +36,7 @@ from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError, RunConfig
 from irl_dal.envs import FAULTS, CityConfig
 from irl_dal.evaluation.rig import AgentSpec
+from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 
 __all__ = ["main"]
