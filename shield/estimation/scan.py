@@ -89,7 +89,7 @@ class CleanScan:
         ranges: (n,) [m]; the maximum range where nothing returned or the beam is defective.
         working: Beams that are neither silent nor stuck (n,).
         repeated: Beams whose hit has been the same, bit by bit, since the car drove (n,).
-        frozen: Whether all hits have repeated for so long that the scanner counts as dead.
+        frozen: Whether all objects have repeated for so long that the scanner counts as dead.
         usable: Whether enough beams work and the scan is not frozen.
     """
 
@@ -184,12 +184,12 @@ class ScanFilter:
             usable=not frozen and bool(working.mean() >= LEAST_WORKING),
         )
 
-    def _isolated(self, stuck: Mask) -> Mask:
-        """Return the stuck beams with too few stuck neighbours to be an obstacle, (n,)."""
-        if not stuck.any():
-            return stuck
-        near = np.convolve(stuck, np.ones(2 * WINDOW - 1), mode="same")[: stuck.size]
-        return stuck & (near < SUPPORT)
+    def _isolated(self, beams: Mask) -> Mask:
+        """Return those of some beams that have too few of them nearby to be an obstacle, (n,)."""
+        if not beams.any():
+            return beams
+        near = np.convolve(beams, np.ones(2 * WINDOW - 1), mode="same")[: beams.size]
+        return beams & (near < SUPPORT)
 
     def _count_repetitions(self, ranges: Array, driving: bool) -> None:
         """Compare a scan (n,) with the last one that had hits."""
@@ -207,7 +207,9 @@ class ScanFilter:
         moving = same.sum() <= 0.5 * hits.sum()
         self._repeats = np.where(same, self._repeats + int(moving), 0)
         self._repeated = same & (self._repeated | driving)
-        whole = bool(same.any() and (same == hits).all())
+        # Scattered hits may be stuck beams on an empty road; a frozen scanner shows whole objects.
+        objects = hits & ~self._isolated(hits)
+        whole = bool(objects.any() and same[objects].all())
         # A car that brakes to a stop before the count is full goes on counting.
         self._frozen = self._frozen + int(driving or self._frozen > 0) if whole else 0
         self._last = ranges.copy() if hits.any() else self._last

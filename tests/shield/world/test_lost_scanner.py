@@ -180,6 +180,16 @@ def test_dead_beams_beside_the_way_do_not_stop_the_car() -> None:
     assert barrier.bounds([0.0, 8.0], 0.0).max_speed == 0.0
 
 
+def test_scattered_stuck_beams_on_an_empty_road_do_not_stop_the_car() -> None:
+    """They are all that returns, and they repeat; a few of them are no frozen scanner."""
+    barrier = ObstacleBarrier(BarrierConfig(), LIMITS)
+    scan = FREE.copy()
+    scan[10::20] = np.random.default_rng(0).uniform(2.0, 39.0, 9)
+    for _ in range(60):
+        barrier.update(scan, 8.0, 0.0)
+    assert barrier.bounds([0.0, 8.0], 0.0).max_speed == math.inf
+
+
 def test_a_pedestrian_is_remembered_while_the_scanner_is_silent() -> None:
     """They go on walking towards the path."""
 
