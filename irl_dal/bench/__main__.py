@@ -58,9 +58,6 @@ class _Parser(argparse.ArgumentParser):
 def main(arguments: Sequence[str] | None = None) -> int:
     """Entry point of the command.
 
-    Args:
-        arguments: Command line; None takes the process's.
-
     Returns:
         Exit code: 2 for a mistake on the command line.
     """

@@ -73,14 +73,6 @@ def drives(
 ) -> list[Drive]:
     """Let an agent drive, one episode for each seed, in several processes.
 
-    Args:
-        config: The city and, for a trained run, everything else.
-        spec: Who drives.
-        seeds: Of the episodes.
-        jobs: Number of processes.
-        what: Name in front of the progress bar.
-        console: Where it goes.
-
     Raises:
         CheckpointError: The run has no checkpoint that can be used.
     """

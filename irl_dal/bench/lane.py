@@ -26,11 +26,7 @@ _FORMATS = {
 
 
 def lane_numbers(drives: Sequence[Drive]) -> dict[str, float]:
-    """RMSE of the lateral offset, validity, and how often a valid one is off by more than `WRONG`.
-
-    Args:
-        drives: At least one.
-    """
+    """RMSE of the lateral offset, validity, and how often a valid one errs by more than `WRONG`."""
     offset = np.concatenate([drive.offset for drive in drives])
     measured = np.concatenate([drive.measured for drive in drives]) - offset
     tracked = np.concatenate([drive.tracked for drive in drives]) - offset

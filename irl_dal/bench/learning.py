@@ -86,12 +86,7 @@ def beside(processes: int) -> Iterator[list[subprocess.Popen[bytes]]]:
 
 
 def learning_tables(config: RunConfig, rounds: int) -> Iterator[Table]:
-    """What the benchmark prints, for each number of other processes as soon as it is known.
-
-    Args:
-        config: Of a run.
-        rounds: How often every update is timed.
-    """
+    """What the benchmark prints, for each number of other processes as soon as it is known."""
     keep_freed_memory()
     with demonstrated(config, DEMONSTRATION) as learners:
         for processes in BUSY:

@@ -45,13 +45,7 @@ SWEEPS: dict[str, tuple[str, tuple[int, ...], dict[str, Any]]] = {
 
 
 def planner_tables(run: Path | None, rounds: int, contexts: int) -> Iterator[Table | str]:
-    """Everything that the benchmark prints, as soon as it is known.
-
-    Args:
-        run: Folder whose configuration and weights are used; None for untrained weights.
-        rounds: How often every context is planned from.
-        contexts: How many.
-    """
+    """Everything that the benchmark prints, as soon as it is known."""
     config = RunConfig() if run is None else open_run("--run", run).config
     scenes = logged_contexts(config, contexts)
     planners = {
@@ -83,11 +77,6 @@ def logged_contexts(config: RunConfig, count: int) -> list[PlanningContext]:
 
 def make_planner(config: RunConfig, run: Path | None = None, **settings: Any) -> DiffusionPlanner:
     """A planner with a run's weights or untrained ones.
-
-    Args:
-        config: Of the run, or a default one.
-        run: Folder whose weights are taken.
-        settings: Replace fields of the planner's configuration.
 
     Raises:
         ConfigError: The run was trained without a planner.

@@ -43,13 +43,7 @@ Step = Callable[[], object]
 
 
 def speed_tables(rounds: int, steps: int, config: CityConfig) -> Iterator[Table | str]:
-    """Everything that the benchmark prints.
-
-    Args:
-        rounds: How often the environments take turns.
-        steps: Steps of each in one round.
-        config: The city.
-    """
+    """Everything that the benchmark prints."""
     rates = compare_speed(rounds, steps, config)
     own = rates["IRLDAL/City-v0"]
     rows = [

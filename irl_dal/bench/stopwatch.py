@@ -14,12 +14,7 @@ __all__ = ["time_parts"]
 def time_parts(
     parts: Mapping[str, Sequence[tuple[type, str]]], work: Callable[[], object]
 ) -> dict[str, float]:
-    """Processor time that `work()` spends in the methods of each part, and in the rest [s].
-
-    Args:
-        parts: Classes and names of their methods, by part; none may call another one.
-        work: What is timed.
-    """
+    """Processor time that `work()` spends in the methods of each part, and in the rest [s]."""
     spent = dict.fromkeys(parts, 0.0)
 
     def timed(call: Callable[..., Any], part: str) -> Callable[..., Any]:

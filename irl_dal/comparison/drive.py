@@ -77,12 +77,6 @@ def drive_setting(
 ) -> int:
     """Drive a setting's episodes and keep each as soon as it is over.
 
-    Args:
-        job: What is compared.
-        store: Holds the expert's episode of each seed.
-        setting: Who drives.
-        seeds: Of the episodes.
-
     Returns:
         How many were driven.
     """

@@ -44,10 +44,6 @@ GROUPS = ("env", "expert", "limits", "shield", "planner", "perception")
 def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any]:
     """Drive every setting on every seed that is not known yet, and summarise all of it.
 
-    Args:
-        job: What is compared.
-        console: Where the progress bar goes.
-
     Returns:
         All numbers, ready for JSON.
 

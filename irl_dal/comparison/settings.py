@@ -55,12 +55,7 @@ class Setting:
         return Setting(self.activation, "none", shielded=False)
 
     def configure(self, config: RunConfig, candidates: int | None = None) -> RunConfig:
-        """A run's configuration under this supervision.
-
-        Args:
-            config: Of the run.
-            candidates: Plans drawn at once; None for the run's own.
-        """
+        """A run's configuration under this supervision."""
         guidance, blend = config.planner.guidance, config.planner.blend
         alone = self.activation == "alone"
         planner = replace(
@@ -76,12 +71,7 @@ class Setting:
 
 
 def all_settings(comparison: ComparisonConfig, default: ProjectionMode) -> list[Setting]:
-    """Activations x projections x shield, and one setting without guidance per activation.
-
-    Args:
-        comparison: Which of them.
-        default: The run's own projection, which the setting without guidance keeps.
-    """
+    """Activations x projections x shield, and one setting without guidance per activation."""
     settings = [
         Setting(activation, projection, shielded)
         for activation in comparison.activations

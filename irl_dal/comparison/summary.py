@@ -29,12 +29,6 @@ def summarise(
 ) -> dict[str, Any]:
     """All numbers of a complete comparison.
 
-    Args:
-        store: Holds every episode.
-        settings: Which drove.
-        planning: Which planned in the expert's risky states.
-        seeds: On which seeds.
-
     Returns:
         `arms`: per setting its flat numbers, with `<key>_ci95`, and `<key>_vs_none` and
         `<key>_vs_none_ci95`, the paired difference from its baseline on the same seeds;

@@ -157,13 +157,7 @@ def draw_paths(
 def draw_commands(
     drives: Sequence[tuple[str, str, Episode]], limits: ActuatorLimits, duration: float
 ) -> Figure:
-    """Steering, speed and the used share of the bounds over time, a column per drive.
-
-    Args:
-        drives: Label, projection mode and log of each.
-        limits: The bounds.
-        duration: Of the shown time [s].
-    """
+    """Steering, speed and used share of the bounds over `duration` [s], a column per drive."""
     degree = float(np.degrees(1.0))
     with drawing(10.5, 6.2) as figure:
         grid = figure.subplots(3, len(drives), sharex=True, sharey="row", squeeze=False)

@@ -59,15 +59,7 @@ class Drive:
     def record(
         cls, rig: Rig, title: str, mode: ProjectionMode, seed: int, duration: float
     ) -> Drive:
-        """Drive an episode and look at its first seconds.
-
-        Args:
-            rig: Who drives, with `render_mode="rgb_array"`.
-            title: Words above it.
-            mode: Where its plan is projected.
-            seed: Of the episode.
-            duration: How long it is looked at [s].
-        """
+        """Drive an episode and look at its first `duration` seconds."""
         dt = rig.loop.limits.dt
         frames: list[FilmFrame] = []
         views: list[bytes] = []
@@ -117,13 +109,7 @@ class _Half:
 
 
 def film_pair(path: Path, drives: Sequence[Drive], limits: ActuatorLimits) -> None:
-    """Film two drives side by side.
-
-    Args:
-        path: WebM file to write; it appears when the film is complete.
-        drives: Left and right.
-        limits: The bounds of their commands.
-    """
+    """Film two drives side by side."""
     figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), dpi=DPI, facecolor="white")
     canvas = FigureCanvasAgg(figure)
     halves = [_Half(figure, 0.5 * side, drive, limits) for side, drive in enumerate(drives)]

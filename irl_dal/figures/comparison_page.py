@@ -40,13 +40,7 @@ def write_comparison_page(job: ComparisonJob, results: Mapping[str, Any]) -> Non
 def comparison_page(
     results: Mapping[str, Any], figures: Sequence[FigureWithCaption], film: Path | None
 ) -> str:
-    """Fill the template.
-
-    Args:
-        results: Of the comparison.
-        figures: In their order.
-        film: WebM file that is embedded; None without one.
-    """
+    """Fill the template."""
     extent = results["settings"]
     words = ACTIVATIONS[extent["activations"][-1]]
     video = "" if film is None else base64.b64encode(film.read_bytes()).decode("ascii")

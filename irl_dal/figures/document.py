@@ -46,16 +46,7 @@ def render_page(
     origin: Sequence[NumberTable],
     film: tuple[str, str] = ("", ""),
 ) -> str:
-    """Fill the template; words are escaped.
-
-    Args:
-        title: Of the page.
-        sentences: Below it; the first one is the main result.
-        tables: Before the figures.
-        figures: In their order.
-        origin: Tables at the end: where the numbers come from.
-        film: WebM file in base 64 and its caption; empty for no film.
-    """
+    """Fill the template; words are escaped."""
     environment = Environment(
         loader=PackageLoader("irl_dal.figures"),
         autoescape=True,

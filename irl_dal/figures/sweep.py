@@ -34,12 +34,7 @@ _VIEW = 55.0, 28.0
 
 
 def draw_dynamics(collection: Collection, rng: np.random.Generator) -> Figure:
-    """Return, cloning loss and interventions over the training, bands over the runs.
-
-    Args:
-        collection: The runs.
-        rng: Source of the bands' resampling.
-    """
+    """Return, cloning loss and interventions over the training, bands over the runs."""
     with drawing(10.5, 8.4) as figure:
         axes = figure.subplots(len(_PANELS), 1, sharex=True)
         for one, (column, title, percent) in zip(axes, _PANELS, strict=True):

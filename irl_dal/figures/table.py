@@ -102,12 +102,7 @@ class NumberTable:
     short: Sequence[str] = ()
 
     def printed(self, columns: Sequence[int] | None = None, title: str | None = None) -> Table:
-        """For the terminal.
-
-        Args:
-            columns: Which of them; None for all.
-            title: Instead of its own; "" for none.
-        """
+        """For the terminal."""
         headings = self.short or self.headings
         chosen = range(len(headings)) if columns is None else columns
         rows = []
@@ -142,13 +137,7 @@ class NumberTable:
 
 
 def terminal_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
-    """A table for the terminal; the first column is left-aligned and never wrapped.
-
-    Args:
-        title: Above it; "" for none.
-        headings: One per column; brackets are no markup.
-        rows: Cells as they are printed.
-    """
+    """A table for the terminal; the first column is left-aligned and never wrapped."""
     rows = [list(row) for row in rows]
     table = Table(
         title=Text(title) if title else None, title_justify="left", box=SIMPLE_HEAD, padding=0,

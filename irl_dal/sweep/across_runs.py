@@ -46,11 +46,6 @@ class Band:
 def across_runs(results: Sequence[RunResult], metric: str, rng: np.random.Generator) -> Estimate:
     """Interquartile mean of a metric over runs, with its 95 % interval.
 
-    Args:
-        results: Runs of one variant.
-        metric: Key of an evaluation's report.
-        rng: Source of the resampling.
-
     Returns:
         Without an interval for a single run; all None where no run has the metric.
     """

@@ -58,10 +58,6 @@ def collect(folder: Path, console: Console | None = None) -> Collection:
     Of each variant the configuration with the most runs is kept, among equals the one that was
     trained last. The others and unfinished runs are left out by name.
 
-    Args:
-        folder: Holds run folders, or result files.
-        console: Where the progress bar goes.
-
     Raises:
         ConfigError: The folder is missing or holds nothing of the kind; a run or file is damaged;
             two runs are of the same variant and seed; evaluations are of different episodes.
