@@ -81,7 +81,9 @@ class RowStack:
         self._constraints = tuple(constraints)
         self._unit = np.tile(unit, horizon)
         self._horizon = horizon
-        start = np.zeros((horizon, 2))
+        # Not at zero, where gradients may vanish and entries with them.
+        start = np.tile(unit, (horizon, 1))
+        self._masks: list[NDArray[np.bool_] | None] = [None] * len(self._constraints)
         self._lay_out([one.rows(start, np.zeros(2)) for one in self._constraints])
 
     def evaluate(self, actions: Array, previous: Array) -> tuple[bool, bool]:
@@ -106,7 +108,7 @@ class RowStack:
                     self._lay_out([one.rows(actions, previous) for one in self._constraints])
                     return True, True
                 self._seen[index] = part.matrix
-                self._raw[self._places[index]] = _entries(part.matrix)
+                self._raw[self._places[index]] = _entries(part.matrix, self._masks[index])
                 changed = True
             span = self.spans[index]
             self._low[span], self._high[span] = part.lower, part.upper
@@ -193,8 +195,9 @@ class RowStack:
         matrix: Any = part.matrix
         if seen.shape != matrix.shape or sparse.issparse(seen) != sparse.issparse(matrix):
             return False
-        if not sparse.issparse(matrix):
-            return True
+        mask = self._masks[index]
+        if mask is not None:
+            return not np.any(matrix[~mask])
         pairs = (seen.indices, matrix.indices), (seen.indptr, matrix.indptr)
         return all(a is b or np.array_equal(a, b) for a, b in pairs)
 
@@ -205,7 +208,8 @@ class RowStack:
         counts = [len(part.lower) for part in parts]
         ends = np.cumsum(counts).tolist()
         self.spans = [slice(end - count, end) for end, count in zip(ends, counts, strict=True)]
-        blocks = [_coordinates(part.matrix) for part in parts]
+        self._masks = [_mask(p.matrix, m) for p, m in zip(parts, self._masks, strict=True)]
+        blocks = [_coordinates(p.matrix, m) for p, m in zip(parts, self._masks, strict=True)]
         row = np.concatenate([r + s.start for (r, _), s in zip(blocks, self.spans, strict=True)])
         column = np.concatenate([c for _, c in blocks])
         order = np.lexsort((row, column))
@@ -216,8 +220,8 @@ class RowStack:
         self._places = np.split(place, cuts)
         self._seen = [part.matrix for part in parts]
         self._raw = np.empty(len(row))
-        for part, where in zip(parts, self._places, strict=True):
-            self._raw[where] = _entries(part.matrix)
+        for part, mask, where in zip(parts, self._masks, self._places, strict=True):
+            self._raw[where] = _entries(part.matrix, mask)
         self._low = np.concatenate([part.lower for part in parts])
         self._high = np.concatenate([part.upper for part in parts])
         self._scale()
@@ -231,14 +235,24 @@ class RowStack:
         self.norm, self.value = norm, scaled / norm[self.row]
 
 
-def _entries(matrix: Any) -> Array:
-    """Return the entries of a block in its own order."""
-    return np.ravel(matrix.data if sparse.issparse(matrix) else matrix)
-
-
-def _coordinates(matrix: Any) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return row and column of each entry of a block in its own order."""
-    count, width = matrix.shape
+def _mask(matrix: Any, last: NDArray[np.bool_] | None) -> NDArray[np.bool_] | None:
+    """Return where a dense block has had entries so far; None for a sparse one."""
     if sparse.issparse(matrix):
-        return np.repeat(np.arange(count), np.diff(matrix.indptr)), np.asarray(matrix.indices)
-    return np.repeat(np.arange(count), width), np.tile(np.arange(width), count)
+        return None
+    mask: NDArray[np.bool_] = np.asarray(matrix) != 0.0
+    return mask | last if last is not None and last.shape == mask.shape else mask
+
+
+def _entries(matrix: Any, mask: NDArray[np.bool_] | None) -> Array:
+    """Return the entries of a block in its own order."""
+    return np.ravel(matrix.data if mask is None else matrix[mask])
+
+
+def _coordinates(
+    matrix: Any, mask: NDArray[np.bool_] | None
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return row and column of each entry of a block in its own order."""
+    if mask is not None:
+        row, column = np.nonzero(mask)
+        return row, column
+    return np.repeat(np.arange(matrix.shape[0]), np.diff(matrix.indptr)), np.asarray(matrix.indices)

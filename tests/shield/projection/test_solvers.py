@@ -15,7 +15,7 @@ import pytest
 from qpsolvers.exceptions import SolverError
 from scipy import sparse
 
-from shield import HorizonProjector, Projection, SafetyFilter, Status
+from shield import UNBOUNDED, HorizonProjector, Projection, Rows, SafetyFilter, Status
 from shield.projection.solvers import Answer, OsqpSolver, Program, QpsolversSolver
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
@@ -209,6 +209,22 @@ def test_the_deadline_bounds_the_whole_call_whatever_the_horizon(
         got = target.project(wish, last)
         assert time.thread_time() - begin < 1.5 * deadline
         assert broken_bounds(CITY, got.actions, last) == []
+
+
+def test_dense_rows_of_the_callers_do_not_cost_the_deadline(rng: np.random.Generator) -> None:
+    """Of a matrix (500, 1000) only its 500 entries reach the solver."""
+
+    class SpeedLimit:
+        def rows(self, actions: Array, previous: Array) -> Rows:
+            matrix = np.eye(actions.size)[1::2]
+            return Rows(matrix, np.full(500, -UNBOUNDED), np.full(500, 11.0))
+
+    target = HorizonProjector(CITY, 500, constraints=[SpeedLimit()], deadline=0.05)
+    for _ in range(4):
+        wish = PREVIOUS + np.cumsum(rng.normal(0.0, [0.1, 0.5], (500, 2)), axis=0)
+        begin = time.thread_time()
+        target.project(wish, PREVIOUS)
+        assert time.thread_time() - begin < 0.075
 
 
 def test_osqp_stops_at_a_deadline_of_a_microsecond() -> None:
