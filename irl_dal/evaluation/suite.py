@@ -23,8 +23,8 @@ from irl_dal.storage.run_folder import provenance
 __all__ = ["PATH_DURATION", "Evaluation", "evaluate"]
 
 PATH_DURATION = 5.0
-"""Length of the paths that ADE and FDE compare [s]: six planned horizons, long enough for a bend or a
-manoeuvre. The paper names none."""
+"""Length of the paths that ADE and FDE compare [s]: six planned horizons, long enough for a bend
+or a manoeuvre. The paper names none."""
 
 
 @dataclass(frozen=True, slots=True)
