@@ -21,6 +21,7 @@ from irl_dal.envs import CityEnv
 from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import DiffusionPlanner
+from irl_dal.planner.planner import SIMULATED_TIME_DEADLINE
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 from shield import SafetyFilter
 
@@ -32,10 +33,6 @@ __all__ = [
     "load_run",
     "supervision",
 ]
-
-PATIENCE = 10.0
-"""Longest time for a shield call in simulated time [s], which stands still meanwhile: a busy
-machine must not change a result."""
 
 _PLANNER, _EPISODES = (1_000,), (1_001,)
 """Spawn keys of the planner's random stream and of the training episodes': none of those that
@@ -56,18 +53,9 @@ def build_planner(config: RunConfig) -> DiffusionPlanner | None:
 def supervision(
     config: RunConfig, planner: DiffusionPlanner | None, *, training: bool = False
 ) -> Supervision:
-    """Planner and shield as far as the configuration has them.
-
-    Args:
-        config: Of the run.
-        planner: What `build_planner` returned.
-        training: Whether the expert may lend the planner a reference.
-    """
-    return Supervision(
-        planner=planner,
-        safety_filter=_safety_filter(config) if config.shield.enabled else None,
-        training=training,
-    )
+    """Planner and shield as far as the configuration has them; `training`: the expert is there."""
+    shield = _safety_filter(config) if config.shield.enabled else None
+    return Supervision(planner=planner, safety_filter=shield, training=training)
 
 
 def expert_supervision(config: RunConfig) -> Supervision:
@@ -76,28 +64,19 @@ def expert_supervision(config: RunConfig) -> Supervision:
 
 
 def build_loop(
-    config: RunConfig, watch: Supervision, *, render_mode: str | None = None
+    config: RunConfig, supervision: Supervision, *, render_mode: str | None = None
 ) -> ControlLoop:
     """The city, the expert and the control loop around them."""
     city = CityEnv(config.env, config.limits, render_mode)
+    part = config.env
     expert = FSMExpert(
-        config.expert,
-        config.limits,
-        scanner=config.env.scanner,
-        vehicle=config.env.vehicle,
-        lanes=config.env.lanes,
+        config.expert, config.limits, scanner=part.scanner, vehicle=part.vehicle, lanes=part.lanes
     )
-    shield = config.shield
-    return ControlLoop(city, expert, watch, shield.trigger, shield.barrier)
+    return ControlLoop(city, expert, supervision, config.shield.trigger, config.shield.barrier)
 
 
 def build_drivers(config: RunConfig, *, processes: bool) -> VecEnv:
-    """The cars of a training.
-
-    Args:
-        config: Of the run.
-        processes: Give each car a process of its own. What they drive is the same.
-    """
+    """The cars of a training, each in a process of its own or not; they drive the same."""
     build = _alone if processes else _driver
     cars: list[Callable[[], gymnasium.Env[Any, Any]]] = [
         partial(build, config, place) for place in range(config.learning.n_envs)
@@ -109,12 +88,6 @@ def load_run(
     config: RunConfig, run_dir: Path, loop: ControlLoop, planner: DiffusionPlanner | None
 ) -> DrivingPolicy:
     """The policy of a run's newest checkpoint; the planner's weights go into `planner`.
-
-    Args:
-        config: Of the run.
-        run_dir: Its folder.
-        loop: Gives the spaces.
-        planner: Takes over its weights; None where the run has none.
 
     Raises:
         CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated,
@@ -133,11 +106,10 @@ def load_run(
 
 
 def _safety_filter(config: RunConfig) -> SafetyFilter:
-    return SafetyFilter(config.limits, config.shield.solver, deadline=PATIENCE)
+    return SafetyFilter(config.limits, config.shield.solver, deadline=SIMULATED_TIME_DEADLINE)
 
 
 def _policy(config: RunConfig, loop: ControlLoop) -> DrivingPolicy:
-    """One whose weights are yet to come."""
     seen, acted = loop.city.observation_space, loop.city.action_space
     assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
     return build_policy(seen, acted, config.perception)

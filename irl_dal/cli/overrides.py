@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shlex
 import tempfile
@@ -68,18 +69,13 @@ def path_argument(composed: DictConfig, key: str) -> Path | None:
     if not isinstance(value, str | int) or isinstance(value, bool) or value == "":
         quoted = as_argument(key, "NAME", force=True)
         raise ConfigError(f"{key} = {value!r}: must be a path; quote it as {quoted}")
-    return Path(str(value)).expanduser()
+    return Path(os.path.expanduser(str(value)))
 
 
 def require_writable(key: str, path: Path, *, folder: bool = False) -> None:
     """Refuse a target that cannot be written, before anything is computed for it.
 
-    Makes the folder that the target will lie in, or that it is.
-
-    Args:
-        key: Configuration key that names it.
-        path: The target; need not exist.
-        folder: It is a folder.
+    Makes the folder that the target will lie in or, where it is a `folder` itself, the target.
 
     Raises:
         ConfigError: Nothing can be written there.
