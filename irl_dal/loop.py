@@ -128,7 +128,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._scanner = self.city.config.scanner
         self._clearance = ClearanceTracker(self.limits.dt, self._scanner.max_range)
         self._lane = LaneTracker(self.limits.dt)
-        self._trigger = RiskTrigger(trigger, self.limits.dt, self.city.config.lanes.centres)
+        centres = self.city.config.lanes.centres
+        self._centres = centres if trigger.passing_lane else centres[:1]
+        self._trigger = RiskTrigger(trigger, self.limits.dt, self._centres)
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:
             self._barrier = ObstacleBarrier(
@@ -289,7 +291,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             speed=speed,
             previous=self._previous,
             expert_reference=self._reference(),
-            lane_centres=self.city.config.lanes.centres,
+            lane_centres=self._centres,
             scanner=self._scanner,
             vehicle=self.city.config.vehicle,
         )

@@ -35,6 +35,7 @@ class TriggerConfig:
             this time is leaving them: the time to line crossing as distance by lateral speed, which
             tells shortly before the line (doi:10.1016/S0001-4575(99)00048-2). None for never [s].
             Default: the planner's lane energy looks as far ahead.
+        passing_lane: Whether the passing lane's centre is admissible, too; the paper has one lane.
 
     Raises:
         InvalidLimits: A value is not finite or has the wrong sign.
@@ -48,6 +49,7 @@ class TriggerConfig:
     hold_time: float = 0.5
     stall_time: float | None = 4.0
     preview_time: float | None = 1.0
+    passing_lane: bool = True
 
     def __post_init__(self) -> None:
         """Check every field."""

@@ -112,3 +112,7 @@ def test_the_lanes_are_everybody_s(empty: RunConfig) -> None:
     assert tuple(loop._trigger._centres) == info["context"].lane_centres == lanes.centres
     assert loop._expert._passing_lane == lanes.width
     loop.close()
+    trigger = replace(empty.shield.trigger, passing_lane=False)
+    loop, info = begin(replace(empty, shield=replace(empty.shield, trigger=trigger)))
+    assert tuple(loop._trigger._centres) == info["context"].lane_centres == (0.0,)
+    loop.close()
