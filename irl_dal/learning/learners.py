@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 
 import numpy as np
 import torch
@@ -24,45 +24,37 @@ from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer, f
 __all__ = ["Learners"]
 
 
+@dataclass(slots=True)
 class Learners:
     """Policy, planner and discriminator with the data that they learn from.
 
     What an update has to report goes into PPO's logger, and from there into the next row of
     metrics.
 
-    Args:
+    Attributes:
         config: Sizes and rates.
         ppo: Owns the policy.
         replay: D_s.
         cloning: Trains the policy on the expert's labels.
-        diffusion: Trains the planner; None without one.
+        diffusion: Trains the planner; None without a planner.
         discriminator: D_psi.
         rng: Source of everything drawn from the replay buffer.
-
-    Attributes:
-        reward: Mixes the rewards of a rollout.
         threads: On which an update computes.
     """
 
-    def __init__(
-        self,
-        config: LearningConfig,
-        ppo: DrivingPPO,
-        replay: ReplayBuffer,
-        cloning: BehaviourCloning,
-        diffusion: DiffusionTraining | None,
-        discriminator: Discriminator,
-        rng: np.random.Generator,
-    ) -> None:
-        self.config = config
-        self.ppo = ppo
-        self.replay = replay
-        self.cloning = cloning
-        self.diffusion = diffusion
-        self.discriminator = discriminator
-        self.reward = HybridReward(config.reward, config.ppo.gamma)
-        self.threads = GRADIENT_THREADS
-        self._rng = rng
+    config: LearningConfig
+    ppo: DrivingPPO
+    replay: ReplayBuffer
+    cloning: BehaviourCloning
+    diffusion: DiffusionTraining | None
+    discriminator: Discriminator
+    rng: np.random.Generator
+    threads: int = GRADIENT_THREADS
+
+    @property
+    def reward(self) -> HybridReward:
+        """Mixes the rewards of a rollout."""
+        return HybridReward(self.config.reward, self.config.ppo.gamma)
 
     def clone(self, steps: int) -> None:
         """TrainBC(D_buffer): gradient steps, then the held-out loss and the plateau scheduler."""
@@ -71,7 +63,7 @@ class Learners:
         record = self.ppo.logger.record
         with threads(self.threads):
             loss = self.cloning.update(self._cloning_batch, steps)
-            held_out = self.cloning.validate(self.replay, self._rng)
+            held_out = self.cloning.validate(self.replay, self.rng)
         record("bc/train_loss", loss)
         if held_out:
             mean = float(np.mean(list(held_out.values())))
@@ -134,15 +126,15 @@ class Learners:
         balanced = self.config.balanced
         marked = int(config.corrected_share * config.batch_size)
         if marked == 0 or replay.count(source="corrected") == 0:
-            return replay.sample(self._rng, config.batch_size, balanced=balanced)
+            return replay.sample(self.rng, config.batch_size, balanced=balanced)
         return ReplayBatch.join(
-            replay.sample(self._rng, config.batch_size - marked, balanced=balanced),
-            replay.sample(self._rng, marked, balanced=balanced, source="corrected"),
+            replay.sample(self.rng, config.batch_size - marked, balanced=balanced),
+            replay.sample(self.rng, marked, balanced=balanced, source="corrected"),
         )
 
     def _expert_pairs(self) -> tuple[dict[str, Tensor], Tensor]:
         batch = self.replay.sample(
-            self._rng,
+            self.rng,
             self.config.discriminator.samples,
             balanced=self.config.balanced,
             source="expert",
@@ -153,7 +145,7 @@ class Learners:
         modes = flat(buffer.modes[: buffer.pos])
         size = min(self.config.discriminator.samples, len(modes))
         # Both sides alike: otherwise the modes alone tell them apart, whatever the actions.
-        rows = _evenly(self._rng, modes if self.config.balanced else 0 * modes, size)
+        rows = _evenly(self.rng, modes if self.config.balanced else 0 * modes, size)
         observations = {
             k: flat(values[: buffer.pos])[rows] for k, values in buffer.observations.items()
         }

@@ -72,12 +72,6 @@ class Pipeline:
 
     Attributes:
         step: Environment steps so far, of all cars together.
-        cars: The cars.
-        replay: D_s.
-        correction: Experience correction and its count.
-        recorder: Counts what happens.
-        learners: Policy, planner, discriminator.
-        log: Metrics and observers.
     """
 
     def __init__(
@@ -310,7 +304,7 @@ class Pipeline:
 
     def _log(self, phase: int) -> None:
         sizes = {f"replay/{mode.name.lower()}": n for mode, n in self.replay.sizes.items()}
-        self.log.row(self.step, phase, {"count/saec_marks": self.correction.marks} | sizes)
+        self.log.row(self.step, phase, {"count/saec_marks": self.recorder.marks} | sizes)
 
     @property
     def _noise(self) -> torch.Generator:

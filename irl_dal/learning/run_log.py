@@ -1,6 +1,6 @@
 """The log of a training run: rows of metrics (CSV, TensorBoard), timings, and the observers.
 
-Columns of `metrics.csv`; a cell is empty where the row has nothing new to say.
+Columns of `metrics.csv`; a cell is empty where the row has no new value.
 
 | column | meaning |
 |---|---|
@@ -50,12 +50,12 @@ OTHER = "other"
 
 
 class RunLog:
-    """Writes the rows and tells the observers.
+    """Writes the rows and notifies the observers.
 
     Args:
         run_dir: Run folder.
         recorder: Counts what happens.
-        observers: Are told.
+        observers: Are notified.
 
     Attributes:
         seconds: Time spent so far, all of it (`total`) and by part.
@@ -147,8 +147,7 @@ class RunLog:
         }
         totals |= {f"time/{part}": seconds for part, seconds in self.seconds.items()}
         if counts.episodes:
-            totals["rollout/episode_return"] = self._recorder.episode_return
-            totals["rollout/success_rate"] = self._recorder.success_rate
+            totals["rollout/episode_return"], totals["rollout/success_rate"] = self._recorder.recent
         return totals
 
 

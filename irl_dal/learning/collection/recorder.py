@@ -28,53 +28,47 @@ class Recorder:
 
     Attributes:
         counts: What happened so far.
+        marks: Intervened steps in the replay buffer so far.
         upcoming: For each car, the number of the episode after its newest one.
     """
 
     def __init__(self, replay: ReplayBuffer, correction: ExperienceCorrection, n_envs: int) -> None:
         self.counts = Counts()
+        self.marks = 0
         self.upcoming = list(range(n_envs))
         self._replay = replay
         self._correction = correction
-        self._returns: deque[float] = deque(maxlen=RECENT)
-        self._successes: deque[float] = deque(maxlen=RECENT)
+        self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT)
 
     @property
-    def episode_return(self) -> float:
-        """Mean undiscounted environment reward of the newest episodes; NaN before the first."""
-        return float(np.mean(self._returns)) if self._returns else float("nan")
-
-    @property
-    def success_rate(self) -> float:
-        """Share of successes in the newest episodes; NaN before the first."""
-        return float(np.mean(self._successes)) if self._successes else float("nan")
+    def recent(self) -> tuple[float, float]:
+        """Mean undiscounted return and share of successes of the newest episodes; NaN before."""
+        means = np.mean(self._recent, axis=0) if self._recent else (np.nan, np.nan)
+        return float(means[0]), float(means[1])
 
     def take(self, record: StepRecord) -> None:
         """Store a step where the experience correction says so, and count it."""
-        transition = record.transition
+        transition, n_envs = record.transition, len(self.upcoming)
         if self._correction.keeps(transition.intervened):
             self._replay.add(transition)
+            self.marks += int(transition.intervened)
         self.counts += record.counts
-        n_envs = len(self.upcoming)
         self.upcoming[transition.episode % n_envs] = transition.episode + n_envs
         if record.end is not EpisodeEnd.GOES_ON:
-            self._returns.append(record.episode_return)
-            self._successes.append(float(record.end is EpisodeEnd.SUCCESS))
+            success = float(record.end is EpisodeEnd.SUCCESS)
+            self._recent.append((record.episode_return, success))
 
     def state_dict(self) -> dict[str, Any]:
-        """Counts and where the episodes are; those in progress are not kept."""
+        """Counts and where the episodes are, without those in progress."""
         return {
             "counts": asdict(self.counts),
+            "marks": self.marks,
             "upcoming": list(self.upcoming),
-            "returns": list(self._returns),
-            "successes": list(self._successes),
-            "marks": self._correction.marks,
+            "recent": list(self._recent),
         }
 
     def load_state_dict(self, state: dict[str, Any]) -> None:
         """Take over the state of `state_dict`; each car must begin its upcoming episode."""
-        self.counts = Counts(**state["counts"])
+        self.counts, self.marks = Counts(**state["counts"]), state["marks"]
         self.upcoming = list(state["upcoming"])
-        self._returns.extend(state["returns"])
-        self._successes.extend(state["successes"])
-        self._correction.marks = state["marks"]
+        self._recent.extend(state["recent"])

@@ -30,22 +30,18 @@ __all__ = ["CorrectionForm", "ExperienceCorrection"]
 CorrectionForm = Literal["label", "paper", "off"]
 
 
-@dataclass(slots=True)
+@dataclass(frozen=True, slots=True)
 class ExperienceCorrection:
     """Decides what is stored of an intervened step.
 
     Attributes:
         form: `label`, `paper` or `off`.
-        marks: Transitions that went into the replay buffer with the marker so far.
     """
 
     form: CorrectionForm = "label"
-    marks: int = 0
 
     def keeps(self, intervened: bool) -> bool:
-        """Whether the replay buffer gets the step; counts the marks."""
-        if intervened and self.form != "off":
-            self.marks += 1
+        """Whether the replay buffer gets the step."""
         return not intervened or self.form != "off"
 
     @torch.no_grad()

@@ -14,16 +14,11 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 
 from expert import ExpertConfig, FSMExpert
 from irl_dal.envs import CityConfig, CityEnv
-from irl_dal.learning import (
-    CloningConfig,
-    DiffusionTrainingConfig,
-    DiscriminatorConfig,
-    Driver,
-    DriverProcesses,
-    LearningConfig,
-    Pipeline,
-    PPOConfig,
-)
+from irl_dal.learning import Driver, DriverProcesses, LearningConfig, Pipeline
+from irl_dal.learning.imitation.behaviour_cloning import CloningConfig
+from irl_dal.learning.imitation.diffusion_training import DiffusionTrainingConfig
+from irl_dal.learning.reinforcement.discriminator import DiscriminatorConfig
+from irl_dal.learning.reinforcement.ppo import PPOConfig
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import Activation, DiffusionPlanner, PlannerConfig

@@ -15,8 +15,9 @@ import numpy as np
 import pytest
 import torch
 
-from irl_dal.learning import LearningConfig, Pipeline, PPOConfig
+from irl_dal.learning import LearningConfig, Pipeline
 from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.reinforcement.ppo import PPOConfig
 from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
@@ -300,7 +301,7 @@ def test_experience_correction_in_the_loop(tmp_path: Path, saec: str) -> None:
     pipeline = new_pipeline(tmp_path, config, drivers=new_drivers(config, activation="always"))
     pipeline.run()
     marked = 0 if saec == "off" else 32
-    assert pipeline.correction.marks == marked
+    assert pipeline.recorder.marks == marked
     assert len(pipeline.replay) == 40 + marked
     buffer = pipeline.learners.ppo.rollout_buffer
     if saec == "off":

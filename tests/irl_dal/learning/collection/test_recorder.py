@@ -42,7 +42,7 @@ def test_the_expert_in_the_buffer_is_the_one_that_the_planner_can_imitate() -> N
 def test_counts_and_running_means() -> None:
     """Steps, episodes and returns are those of the cars; what comes next is remembered."""
     recorder = new_recorder()
-    assert np.isnan(recorder.episode_return)
+    assert np.isnan(recorder.recent).all()
     driven = list(VecDriver(new_drivers()).demonstrations(124))
     for step in driven:
         recorder.take(step)
@@ -51,8 +51,7 @@ def test_counts_and_running_means() -> None:
     assert counts.command_violations == 0
     assert counts.reward == pytest.approx(sum(step.transition.reward for step in driven))
     ends = [step.episode_return for step in driven if step.counts.episodes]
-    assert recorder.episode_return == pytest.approx(np.mean(ends))
-    assert recorder.success_rate == 0.0
+    assert recorder.recent == pytest.approx((np.mean(ends), 0.0))
     assert recorder.upcoming == [4, 5]
     assert (counts - Counts(steps=60)).steps == 64
     again = new_recorder()
