@@ -113,7 +113,7 @@ class Learners:
         seen, logits, renewed = buffer.seen(), None, None
         if self.discriminator.updates:
             actions = torch.from_numpy(flat(buffer.executed_actions))
-            logits = self.discriminator.judge(_tensors(seen), actions).cpu().numpy()
+            logits = self.discriminator.judge(_tensors(seen), actions).numpy()
         if self.config.ppo.renew:
             renewed = appraise(ppo.policy, seen, flat(buffer.actions))
         buffer.finish(self.reward, logits, renewed, last_values)
@@ -139,7 +139,7 @@ class Learners:
             balanced=self.config.balanced,
             source="expert",
         )
-        return observation_tensors(batch, "cpu"), torch.from_numpy(batch.commands)
+        return observation_tensors(batch), torch.from_numpy(batch.commands)
 
     def _agent_pairs(self, buffer: HybridRolloutBuffer) -> tuple[dict[str, Tensor], Tensor]:
         modes = flat(buffer.modes[: buffer.pos])

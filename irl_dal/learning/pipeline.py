@@ -177,7 +177,7 @@ class Pipeline:
     def _build(self, cars: VecEnv, perception: PerceptionConfig) -> Learners:
         config, rng = self.config, self._rng
         ppo = build_ppo(cars, config.ppo, perception, weights=rng["policy"], order=rng["rollout"])
-        generator = torch.Generator(ppo.device)
+        generator = torch.Generator()
         generator.manual_seed(int(rng["discriminator"].integers(2**63)))
         diffusion = None
         if self._planner is not None:

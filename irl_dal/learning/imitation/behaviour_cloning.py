@@ -115,7 +115,7 @@ class BehaviourCloning:
 
     def loss(self, observation: dict[str, Tensor], labels: Tensor) -> Tensor:
         """Eq. bc_loss_with_l2: batch mean of the squared norm, plus the L2 term; a scalar."""
-        with reduced_precision(self.policy.device):
+        with reduced_precision():
             actions = mean_action(self.policy, observation)
         error = actions.float() - labels
         norm = torch.stack([parameter.square().sum() for parameter in self._regularised]).sum()
@@ -135,8 +135,7 @@ class BehaviourCloning:
         losses = []
         for _ in range(steps):
             batch = draw()
-            labels = torch.from_numpy(batch.labels).to(self.policy.device)
-            loss = self.loss(observation_tensors(batch, self.policy.device), labels)
+            loss = self.loss(observation_tensors(batch), torch.from_numpy(batch.labels))
             self._optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(self._parameters, self.config.max_grad_norm)
@@ -158,8 +157,8 @@ class BehaviourCloning:
             return {}
         batch = replay.sample(rng, VALIDATION_SIZE, held_out=True)
         with torch.no_grad():
-            actions = mean_action(self.policy, observation_tensors(batch, self.policy.device))
-        errors = (actions.cpu().numpy() - batch.labels) ** 2
+            actions = mean_action(self.policy, observation_tensors(batch))
+        errors = (actions.numpy() - batch.labels) ** 2
         return {
             mode: float(errors[batch.modes == mode].mean())
             for mode in Mode

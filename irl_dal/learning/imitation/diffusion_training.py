@@ -14,7 +14,6 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from expert.replay import ReplayBuffer
@@ -113,8 +112,8 @@ class DiffusionTraining:
         losses = []
         for _ in range(steps):
             chunks = replay.chunks(self._rng, self.config.batch_size, balanced=balanced)
-            with reduced_precision(self._device):
-                loss = self.planner.loss(*_tensors(chunks, self._device))
+            with reduced_precision():
+                loss = self.planner.loss(*map(torch.from_numpy, chunks))
             self._optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(self._network.parameters(), MAX_GRAD_NORM)
@@ -133,7 +132,7 @@ class DiffusionTraining:
             return None
         chunks = replay.chunks(self._rng, VALIDATION_SIZE, held_out=True)
         with torch.no_grad():
-            loss = self.planner.loss(*_tensors(chunks, self._device)).item()
+            loss = self.planner.loss(*map(torch.from_numpy, chunks)).item()
         self._scheduler.step(loss)
         return loss
 
@@ -157,10 +156,6 @@ class DiffusionTraining:
         self._scheduler.load_state_dict(state["scheduler"])
         self.planner.generator.set_state(state["generator"])
 
-    @property
-    def _device(self) -> torch.device:
-        return next(self._network.parameters()).device
-
     @torch.no_grad()
     def _follow(self, average: dict[str, Tensor]) -> None:
         """Move the average towards the weights, faster at first to forget the early ones."""
@@ -172,10 +167,3 @@ class DiffusionTraining:
 
 def _clone(network: nn.Module) -> dict[str, Tensor]:
     return {name: value.detach().clone() for name, value in network.state_dict().items()}
-
-
-def _tensors(
-    chunks: tuple[NDArray[np.float32], NDArray[np.float32]], device: torch.device
-) -> tuple[Tensor, Tensor]:
-    contexts, actions = chunks
-    return torch.from_numpy(contexts).to(device), torch.from_numpy(actions).to(device)

@@ -65,5 +65,5 @@ class ExperienceCorrection:
                 continue
             seen, _ = policy.obs_to_tensor(dict(record.seen))
             actions[car] = record.transition.label
-            label = torch.from_numpy(actions[car : car + 1]).to(policy.device)
+            label = torch.from_numpy(actions[car : car + 1])
             log_probs[car] = policy.get_distribution(seen).log_prob(label)[0]

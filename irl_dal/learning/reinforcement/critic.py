@@ -42,11 +42,11 @@ def warm_start_critic(
         return float("nan")
     slots, returns = replay.returns(gamma)
     features = _features(policy, replay, slots)
-    targets = torch.from_numpy(scale * returns).to(policy.device)
+    targets = torch.from_numpy(scale * returns)
     head = nn.Sequential(policy.mlp_extractor.value_net, policy.value_net)
     optimizer = torch.optim.Adam(head.parameters(), lr=LEARNING_RATE)
     for _ in range(steps):
-        rows = torch.from_numpy(rng.integers(len(slots), size=BATCH_SIZE)).to(policy.device)
+        rows = torch.from_numpy(rng.integers(len(slots), size=BATCH_SIZE))
         loss = nn.functional.mse_loss(head(features[rows]).squeeze(1), targets[rows])
         optimizer.zero_grad()
         loss.backward()
@@ -61,6 +61,6 @@ def warm_start_critic(
 def _features(policy: DrivingPolicy, replay: ReplayBuffer, slots: NDArray[np.int64]) -> Tensor:
     parts = []
     for rows in np.array_split(slots, -(-len(slots) // BATCH_SIZE)):
-        seen = observation_tensors(replay.gather(rows), policy.device)
+        seen = observation_tensors(replay.gather(rows))
         parts.append(policy.extract_features(seen))
     return torch.cat(parts)  # type: ignore[arg-type]  # actor and critic share their features

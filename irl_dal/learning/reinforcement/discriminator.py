@@ -102,11 +102,10 @@ class Discriminator:
         self.updates = 0
         self._generator = generator
         self._space = policy.observation_space
-        self._device = policy.device
         self._encoder = copy.deepcopy(policy.features_extractor).requires_grad_(False).eval()
         with torch.random.fork_rng():
             torch.manual_seed(int(torch.randint(2**62, (), generator=generator)))
-            self._head = _Head(policy.features_dim).to(policy.device)
+            self._head = _Head(policy.features_dim)
         self._optimizer = torch.optim.Adam(
             self._head.parameters(), lr=config.learning_rate, weight_decay=WEIGHT_DECAY
         )
@@ -120,9 +119,7 @@ class Discriminator:
         """Frozen features (B, 512) of observations as the policy takes them."""
         parts = []
         for start in range(0, len(observation["speed"]), batch_size):
-            rows = {
-                k: v[start : start + batch_size].to(self._device) for k, v in observation.items()
-            }
+            rows = {k: v[start : start + batch_size] for k, v in observation.items()}
             prepared = preprocess_obs(rows, self._space, normalize_images=True)
             parts.append(self._encoder(prepared))
         return torch.cat(parts)
@@ -187,17 +184,17 @@ class Discriminator:
 
     def _split(self, observation: dict[str, Tensor], actions: Tensor) -> tuple[_Pairs, _Pairs]:
         """Encoded pairs for training and, one in `KEPT_OUT`, for the report."""
-        features, actions = self.features(observation), actions.to(self._device)
-        kept = torch.arange(len(actions), device=self._device) % KEPT_OUT == 0
+        features = self.features(observation)
+        kept = torch.arange(len(actions)) % KEPT_OUT == 0
         if len(actions) < KEPT_OUT:
             return (features, actions), (features, actions)
         return (features[~kept], actions[~kept]), (features[kept], actions[kept])
 
     def _batch(self, features: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
         size = (BATCH_SIZE,)
-        rows = torch.randint(len(features), size, generator=self._generator, device=self._device)
+        rows = torch.randint(len(features), size, generator=self._generator)
         chosen = actions[rows]
-        noise = torch.randn(chosen.shape, generator=self._generator, device=self._device)
+        noise = torch.randn(chosen.shape, generator=self._generator)
         return features[rows], chosen + ACTION_NOISE * noise
 
 

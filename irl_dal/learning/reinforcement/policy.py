@@ -58,7 +58,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
         distribution = self.action_dist.proba_distribution(self.action_net(latent_pi), self.log_std)
         actions = distribution.mode()
         if not deterministic:
-            noise = torch.randn(actions.shape, generator=self.generator, device=actions.device)
+            noise = torch.randn(actions.shape, generator=self.generator)
             actions = actions + self.log_std.exp() * noise
         return actions, self.value_net(latent_vf), distribution.log_prob(actions)
 
@@ -96,7 +96,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
         parts = []
         for start in range(0, len(observations["speed"]), batch_size):
             rows = {key: value[start : start + batch_size] for key, value in observations.items()}
-            parts.append(self._features(self.obs_to_tensor(rows)[0]).cpu())
+            parts.append(self._features(self.obs_to_tensor(rows)[0]))
         return {PERCEIVED: torch.cat(parts).numpy()}
 
     def _features(self, obs: PyTorchObs) -> Tensor:
@@ -119,13 +119,9 @@ def appraise(
     policy: DrivingPolicy, observations: dict[str, NDArray[Any]], actions: NDArray[np.float32]
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Values (N,) and log-probabilities (N,) of a rollout (images channels first)."""
-    seen = {
-        key: torch.from_numpy(value).to(policy.device)
-        for key, value in policy.perceive(observations).items()
-    }
-    drawn = torch.from_numpy(actions).to(policy.device)
-    values, log_probs, _ = policy.evaluate_actions(seen, drawn)
-    return values.flatten().cpu().numpy(), log_probs.cpu().numpy()
+    seen = {key: torch.from_numpy(v) for key, v in policy.perceive(observations).items()}
+    values, log_probs, _ = policy.evaluate_actions(seen, torch.from_numpy(actions))
+    return values.flatten().numpy(), log_probs.numpy()
 
 
 def build_policy(
@@ -154,12 +150,12 @@ def build_policy(
         )
 
 
-def observation_tensors(batch: ReplayBatch, device: torch.device | str) -> dict[str, Tensor]:
+def observation_tensors(batch: ReplayBatch) -> dict[str, Tensor]:
     """A replay batch as the policy wants it: images (B, 3, 64, 64), lidar [m], speed [m/s]."""
     return {
-        "image": torch.from_numpy(batch.images).permute(0, 3, 1, 2).to(device),
-        "lidar": torch.from_numpy(batch.lidar).to(device),
-        "speed": torch.from_numpy(batch.speeds).to(device),
+        "image": torch.from_numpy(batch.images).permute(0, 3, 1, 2),
+        "lidar": torch.from_numpy(batch.lidar),
+        "speed": torch.from_numpy(batch.speeds),
     }
 
 

@@ -185,7 +185,7 @@ class DrivingPPO(PPO):
         steps = self.rollout_buffer.buffer_size * self.n_envs
         rows = np.linspace(0, steps - 1, min(SAMPLES, steps)).astype(int)
         seen = self.rollout_buffer.seen()
-        return {k: torch.from_numpy(values[rows]).to(self.device) for k, values in seen.items()}
+        return {k: torch.from_numpy(values[rows]) for k, values in seen.items()}
 
 
 def divergence(before: tuple[Tensor, Tensor], after: tuple[Tensor, Tensor]) -> float:
@@ -239,7 +239,7 @@ def build_ppo(
             device="cpu",
         )
     _prepare(ppo.policy, config)
-    ppo.policy.generator = torch.Generator(ppo.device)
+    ppo.policy.generator = torch.Generator()
     ppo.policy.generator.manual_seed(int(weights.integers(2**63)))
     return ppo
 

@@ -34,7 +34,7 @@ def test_the_loss_is_the_papers_equation(monkeypatch: pytest.MonkeyPatch) -> Non
     l2 = 1e-3
     cloning = BehaviourCloning(policy, CloningConfig(l2=l2))
     batch = replay.sample(np.random.default_rng(0), 16)
-    tensors = observation_tensors(batch, "cpu")
+    tensors = observation_tensors(batch)
     with torch.no_grad():
         error = mean_action(policy, tensors).numpy() - batch.labels
     weights = [p for p in actor_parameters(policy) if p.ndim > 0]  # the alphas are scalars
@@ -47,7 +47,7 @@ def test_bfloat16_changes_a_gradient_by_its_rounding_only(monkeypatch: pytest.Mo
     """The gradient of the weights has the same direction, and single precision."""
     replay, policy = filled_replay(50), new_policy()
     batch = replay.sample(np.random.default_rng(0), 64)
-    tensors, labels = observation_tensors(batch, "cpu"), torch.from_numpy(batch.labels)
+    tensors, labels = observation_tensors(batch), torch.from_numpy(batch.labels)
     gradients = []
     for rounds in (False, True):
         monkeypatch.setattr(shortcuts, "_multiplies_bfloat16", lambda rounds=rounds: rounds)
@@ -67,7 +67,7 @@ def test_the_mask_learns_but_is_not_pulled_to_zero() -> None:
     replay, policy = filled_replay(50), new_policy()
     mask = policy.features_extractor.mask
     batch = replay.sample(np.random.default_rng(0), 32)
-    tensors, labels = observation_tensors(batch, "cpu"), torch.from_numpy(batch.labels)
+    tensors, labels = observation_tensors(batch), torch.from_numpy(batch.labels)
     gradients = []
     for l2 in (0.0, 10.0):
         policy.zero_grad()

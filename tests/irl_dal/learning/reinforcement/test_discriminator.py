@@ -34,7 +34,7 @@ def both_sides(wrong: float) -> tuple[Pairs, Pairs]:
     for seed, offset in ((0, 0.0), (1, wrong)):
         batch = replay.sample(np.random.default_rng(seed), 256)
         actions = torch.from_numpy(batch.commands + np.float32(offset))
-        sides.append((observation_tensors(batch, "cpu"), actions))
+        sides.append((observation_tensors(batch), actions))
     return sides[0], sides[1]
 
 

@@ -18,7 +18,7 @@ from tests.irl_dal.learning.samples import filled_replay, new_policy, observatio
 
 def some_observations(count: int = 8) -> dict[str, torch.Tensor]:
     """A batch as the policy takes it."""
-    return observation_tensors(filled_replay(20).sample(np.random.default_rng(0), count), "cpu")
+    return observation_tensors(filled_replay(20).sample(np.random.default_rng(0), count))
 
 
 def test_exploration_comes_from_the_policys_own_generator() -> None:
