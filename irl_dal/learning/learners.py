@@ -24,7 +24,7 @@ from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer, f
 __all__ = ["Learners"]
 
 
-@dataclass(slots=True)
+@dataclass
 class Learners:
     """Policy, planner and discriminator with the data that they learn from.
 
