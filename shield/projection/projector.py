@@ -34,6 +34,7 @@ _MAX_VERIFIED = 64  # [-] variables up to which multipliers are computed without
 _INADMISSIBLE = (
     "the previous command is inadmissible: the box holds, the rest is approached at full rate"
 )
+_TOO_MUCH = "the constraints cannot be kept together with the limits"
 
 
 class _Judged(NamedTuple):
@@ -261,8 +262,6 @@ class HorizonProjector:
         if self.horizon == 1 and not best.verified:
             # The nearest single command is nearly always what the repair finds.
             best = self._verify(best, target)
-        if self.constraints and not self._rows.is_usable():
-            return best, "the rows of a constraint are not usable"
         # Far away targets shrink to a distance that the solver's tolerances are made for.
         scale = min(float(np.abs(shift).max()), _LARGEST_SCALE) or 1.0
         q = self._diagonal * shift / -scale
@@ -271,6 +270,8 @@ class HorizonProjector:
             # The same rows once more only help with a finer tolerance.
             if best.verified or (program > 1 and not changed):
                 return best, reason
+            if self.constraints and not self._rows.is_usable():
+                return best, "the rows of a constraint are not usable"
             if time.perf_counter() > begin + 0.5 * self.deadline:
                 return best, "; ".join(filter(None, (reason, "stopped at the deadline")))
             answer = self._solve(q, origin, scale, soft=soft, fine=program > 0)
@@ -288,23 +289,14 @@ class HorizonProjector:
             y = np.zeros(len(self._rows.norm)) if answer.y is None else scale * answer.y
             judged = self._judge(candidate, target, np.asarray(y))
             gain = (best.broken - judged.broken, best.distance - judged.distance)
+            if soft and not judged.verified:
+                reason, changed = reason or _TOO_MUCH, changed and max(gain) > self.tolerance
             if judged.verified or gain > (0.0, 0.0):
                 best = judged
-            if soft and not judged.verified:
-                reason = reason or "the constraints cannot be kept together with the limits"
-                changed = changed and max(gain) > self.tolerance
         return best, reason
 
     def _solve(self, q: Array, origin: Array, scale: float, *, soft: bool, fine: bool) -> Answer:
-        """Solve for the displacement from `origin` in units of `scale`.
-
-        Args:
-            q: Linear term, shape (2 H,).
-            origin: Scaled horizon, shape (2 H,).
-            scale: Unit of the displacement [steps].
-            soft: Whether the caller's own rows may be broken at a price.
-            fine: Whether the usual tolerance was not enough.
-        """
+        """Solve for the displacement from `origin` in units of `scale`, rows `soft` or not."""
         rows = self._rows
         at_origin = rows.times(origin)
         lower, upper = (rows.lower - at_origin) / scale, (rows.upper - at_origin) / scale
@@ -366,7 +358,7 @@ class HorizonProjector:
 
         For short horizons only: it takes the third power of their length.
         """
-        if 2 * self.horizon > _MAX_VERIFIED:
+        if 2 * self.horizon > _MAX_VERIFIED or not self._rows.is_usable():
             return judged
         z = np.array(judged.commands) / self._scale
         return self._judge(

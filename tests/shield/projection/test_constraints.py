@@ -107,10 +107,14 @@ def test_several_constraints_each_have_their_figure() -> None:
 
 
 @pytest.mark.parametrize("bad", [np.nan, -np.inf])
-def test_rows_that_are_no_numbers_cost_the_optimum_and_not_the_limits(bad: float) -> None:
+@pytest.mark.parametrize("horizon", [1, 8])
+def test_rows_that_are_no_numbers_cost_the_optimum_and_not_the_limits(
+    horizon: int, bad: float
+) -> None:
     """Values are answered, never raised."""
-    target = HorizonProjector(CITY, 8, constraints=[SpeedLimit(np.full(8, bad))], deadline=PATIENT)
-    got = target.project(NOMINAL, PREVIOUS)
+    limit = SpeedLimit(np.full(horizon, bad))
+    target = HorizonProjector(CITY, horizon, constraints=[limit], deadline=PATIENT)
+    got = target.project(NOMINAL[:horizon], PREVIOUS)
     assert broken_bounds(CITY, got.actions, PREVIOUS) == []
     assert got.status is Status.REPAIRED
     assert not got.violations[0] <= 1e-6
