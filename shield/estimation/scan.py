@@ -137,22 +137,13 @@ class ScanFilter:
         Raises:
             InvalidProblem: As `examine`.
         """
-        ranges = self.clean(scan, speed)
-        if ranges is None:
+        clean = self.examine(scan, speed)
+        if not clean.usable:
             return None
-        width = min(WINDOW, ranges.size)
-        windows = np.lib.stride_tricks.sliding_window_view(ranges, width)
+        width = min(WINDOW, clean.ranges.size)
+        windows = np.lib.stride_tricks.sliding_window_view(clean.ranges, width)
         kth = min(SUPPORT, width) - 1
         return float(np.partition(windows, kth, axis=1)[:, kth].min())
-
-    def clean(self, scan: ArrayLike, speed: float | None = None) -> Array | None:
-        """Return the ranges of `examine`, None when the scan is unusable.
-
-        Raises:
-            InvalidProblem: As `examine`.
-        """
-        clean = self.examine(scan, speed)
-        return clean.ranges if clean.usable else None
 
     def examine(self, scan: ArrayLike, speed: float | None = None) -> CleanScan:
         """Return the scan without its defects, and which beams have them.
