@@ -64,8 +64,7 @@ class ReplayBuffer:
         ):
             if value < least:
                 raise ValueError(f"`{name}` must be at least {least}. Got {value}.")
-        self.capacity = capacity
-        self.horizon = horizon
+        self.capacity, self.horizon = capacity, horizon
         self.held_out_every = held_out_every
         self._data: dict[str, NDArray[Any]] = {
             "image": np.zeros((capacity, *image_shape), np.uint8),
@@ -87,9 +86,8 @@ class ReplayBuffer:
         self._preceding = np.full(capacity, -1, np.int64)
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
-        self._size = 0
+        self._size = self._counter = 0
         self._latest: dict[int, int] = {}
-        self._counter = 0
 
     def __len__(self) -> int:
         return self._size
