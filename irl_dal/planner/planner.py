@@ -82,11 +82,18 @@ class DiffusionPlanner:
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._network: FastDenoiser | None = None
+        self._trained_here = False
         if config.deadline is not None:
             _compile(config, limits)
 
     def reset(self) -> None:
-        """Forget earlier plans and the blend's average: at the start of an episode."""
+        """Forget earlier plans and the blend's average: at the start of an episode.
+
+        Weights that were written into `denoiser` since the last plan are used from here on; those
+        of `load_state_dict` and of training with `loss` are at once.
+        """
+        if self._network is not None and not self._network.is_current():
+            self._network = None
         for part in (self._fallback, self._projector, self._step_projector):
             part.reset()
         self._last_first = None
@@ -107,6 +114,7 @@ class DiffusionPlanner:
             RuntimeError: The weights are those of another network.
         """
         self.denoiser.load_state_dict(state)
+        self._network = None
 
     def loss(self, contexts: Tensor, chunks: Tensor) -> Tensor:
         """The denoising objective on a batch, mean squared error of the prediction.
@@ -121,6 +129,7 @@ class DiffusionPlanner:
         Raises:
             ValueError: A wrong shape.
         """
+        self._trained_here = True
         count = len(contexts)
         sizes = {"contexts": (count, CONTEXT_SIZE), "chunks": (count, self.config.horizon, 2)}
         for (name, size), given in zip(sizes.items(), (contexts, chunks), strict=True):
@@ -288,10 +297,11 @@ class DiffusionPlanner:
         return bool(np.all((-limits.max_decrease <= step) & (step <= limits.max_increase)))
 
     def _fast_denoiser(self) -> FastDenoiser:
-        """The network for inference, renewed when a weight has changed."""
-        if self._network is None or not self._network.is_current():
-            self._network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
-        return self._network
+        """The network for inference; only where `loss` trains it does each plan compare weights."""
+        known = self._network
+        if known is None or (self._trained_here and not known.is_current()):
+            known = self._network = FastDenoiser(self.denoiser, self._sampler.transitions.k)
+        return known
 
 
 def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:

@@ -283,6 +283,20 @@ def test_loss_trains_the_network_and_the_next_plan_sees_it() -> None:
     assert np.abs(after - target).mean() < 0.3 * np.abs(before - target).mean()
 
 
+def test_written_weights_are_used_from_the_next_episode_on() -> None:
+    """A weight written in place after a plan counts after `reset`."""
+    made = planner(seed=1)
+    plans = []
+    for value in (None, 0.5):
+        if value is not None:
+            with torch.no_grad():
+                made.denoiser.out.bias.fill_(value)
+        made.reset()
+        made.generator.manual_seed(9)
+        plans.append(made.plan(context()).nominal)
+    assert not np.array_equal(*plans)
+
+
 def test_weights_travel() -> None:
     """A planner with another's weights makes another's plan, given the same noise."""
     first, second = planner(seed=1), planner(seed=2)
