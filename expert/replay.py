@@ -82,8 +82,7 @@ class ReplayBuffer:
             "expert_drove": np.zeros(capacity, np.bool_),
             "serial": np.zeros(capacity, np.int64),
         }
-        self._following = np.full(capacity, -1, np.int64)
-        self._preceding = np.full(capacity, -1, np.int64)
+        self._following, self._preceding = np.full((2, capacity), -1, np.int64)
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
         self._size = self._counter = 0
