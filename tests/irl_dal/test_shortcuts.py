@@ -29,13 +29,16 @@ def test_a_run_folder_records_the_short_cuts_in_use(tmp_path: Path) -> None:
 def test_compiles_where_no_cache_can_be_written(tmp_path: Path) -> None:
     """A read-only installation of a user without a writable home compiles anew, and works."""
     package = tmp_path / "irl_dal"
-    package.mkdir()
-    (package / "__init__.py").write_text("")
+    planner = package / "planner"
+    planner.mkdir(parents=True)
     shutil.copy(SOURCE / "shortcuts.py", package)
-    shutil.copy(SOURCE / "planner" / "rollout.py", package)
-    (package / "__pycache__").write_text("a file: nobody can write into this folder")
+    for folder in (package, planner):
+        (folder / "__init__.py").write_text("")
+        (folder / "__pycache__").write_text("a file: nobody can write into this folder")
+    for name in ("arrays.py", "rollout.py"):
+        shutil.copy(SOURCE / "planner" / name, planner)
     program = (
-        "import numpy as np; from irl_dal.rollout import ego_rollout;"
+        "import numpy as np; from irl_dal.planner.rollout import ego_rollout;"
         "print(ego_rollout(np.ones((1, 2, 2)), 2.7, 0.1).x.shape)"
     )
     environment = os.environ | {
