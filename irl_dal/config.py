@@ -185,7 +185,7 @@ def did_you_mean(key: str) -> str:
     known = known_keys()
     elsewhere = [other for other in known if other.split(".")[-1] == key.split(".")[-1]]
     close = get_close_matches(key, elsewhere, n=1, cutoff=0.0) or get_close_matches(key, known, n=1)
-    return f"; did you mean {close[0]}?" if close else ""
+    return f"; did you mean {close[0]}?" if close and close[0] != key else ""
 
 
 def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
