@@ -38,7 +38,7 @@ def show_run(folder: RunFolder, console: Console) -> None:
             film_drive(folder, showcase_seed(evaluation.episodes))
         written.append(folder.video)
     for path in written:
-        console.print(f"written to {path}")
+        console.print(f"written to {path}", soft_wrap=True)
 
 
 def showcase_seed(episodes: Sequence[Mapping[str, Any]]) -> int:
