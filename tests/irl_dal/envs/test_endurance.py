@@ -41,22 +41,22 @@ def test_resets_leave_no_memory_behind() -> None:
 @pytest.mark.slow
 @pytest.mark.timeout(3600)
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
-def test_memory_is_flat_over_ten_thousand_resets() -> None:
-    """The same, at length."""
+def test_memory_is_flat_over_two_thousand_resets() -> None:
+    """At length: what leaks 5 kB a reset is seen."""
     env = CityEnv()
     growth(env, 50)
-    assert growth(env, 10_000) < ENOUGH
+    assert growth(env, 2_000) < ENOUGH
     env.close()
 
 
 @pytest.mark.slow
-@pytest.mark.timeout(7200)
+@pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", sorted(FAULTS))
-def test_a_thousand_episodes_under_each_fault(name: str) -> None:
-    """Short ones, so that it ends the same day; every one ends as an episode may end."""
+def test_a_hundred_episodes_under_each_fault(name: str) -> None:
+    """Short ones; every one ends as an episode may end, and leaves less than 250 kB behind."""
     config = CityConfig(route_length=80.0, route_spread=0.0, faults=FAULTS[name])
     before, outcomes = resident(), set()
-    for drive in expert_drives(config, range(1_000)):
+    for drive in expert_drives(config, range(100)):
         outcomes.add(drive.outcome)
     assert outcomes <= {"success", "collision", "off_road", "timeout"}
-    assert resident() - before < 100.0
+    assert resident() - before < 25.0
