@@ -19,8 +19,9 @@ train: $(VENV)/installed            ## train, evaluate, draw: make train ARGS="p
 evaluate: $(VENV)/installed         ## make evaluate ARGS="policy=expert episodes=100"
 	$(BIN)/python -m irl_dal.evaluate $(ARGS)
 
-table: $(VENV)/installed            ## the README's table from results/
-	$(BIN)/python -m irl_dal.report runs=results page=README.md $(ARGS)
+table: $(VENV)/installed            ## the tables of README and docs/results.md from results/
+	$(BIN)/python -m irl_dal.report runs=results page=README.md $(ARGS) > /dev/null
+	$(BIN)/python -m irl_dal.report runs=results page=docs/results.md $(ARGS)
 
 lint: $(VENV)/installed
 	$(BIN)/ruff check .

@@ -26,7 +26,6 @@ from irl_dal.sweep.paper_table import (
     Estimates,
     MarkedPage,
     estimates_of,
-    markdown_table,
     notes,
     paper_table,
     printed_tables,
@@ -60,7 +59,7 @@ def _main(composed: DictConfig) -> None:
     for sentence in [*notes(collection), *remarks(collection, estimates)]:
         console.print(sentence, soft_wrap=True)
     if page is not None:
-        page.replace(markdown_table(collection, estimates))
+        page.replace(collection, estimates)
     if out is not None:
         with console.status("drawing"):
             _write(out, collection, estimates, rng)

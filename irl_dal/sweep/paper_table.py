@@ -23,7 +23,6 @@ __all__ = [
     "MarkedPage",
     "estimates_of",
     "label",
-    "markdown_table",
     "notes",
     "paper_table",
     "printed_tables",
@@ -71,7 +70,14 @@ COLUMNS: tuple[Column, ...] = (
     Column("fde_m", "FDE", "m", 2, -1, paper=_printed("11.8", "9.5", "7.2", "5.1")),
 )  # fmt: skip
 
-_BEGIN, _END = "<!-- table: begin -->", "<!-- table: end -->"
+SUMMARY = (
+    "success",
+    "collisions_per_1k_steps",
+    "command_violation_rate",
+    "normalized_return",
+    "ade_m",
+)
+"""Columns of the short table."""
 
 
 def label(variant: str) -> str:
@@ -126,6 +132,21 @@ def markdown_table(collection: Collection, estimates: Estimates) -> str:
     return "\n\n".join([f"{table.title}.", table.markdown(), *notes(collection)])
 
 
+def markdown_summary(collection: Collection, estimates: Estimates) -> str:
+    """One line a variant, the columns of `SUMMARY`; half the interval's width behind `±`."""
+    columns = [column for column in COLUMNS if column.key in SUMMARY]
+    rows = []
+    for variant in collection.variants:
+        cells = []
+        for column in columns:
+            one = estimates[variant][column.key]
+            known = one.low is not None and one.high is not None
+            spread = f" ± {column.text((one.high - one.low) / 2.0)}" if known else ""
+            cells.append(Cell(column.text(one.value) + spread))
+        rows.append((label(variant), "", cells))
+    return NumberTable("", [column.heading for column in columns], rows).markdown()
+
+
 def notes(collection: Collection) -> list[str]:
     """What a reader of the table has to know: runs left out, rows made by several commits."""
     mixed = []
@@ -139,15 +160,17 @@ def notes(collection: Collection) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class MarkedPage:
-    """A Markdown page with a table between two markers.
+    """A Markdown page with a table between `<!-- KIND: begin -->` and `<!-- KIND: end -->`.
 
     Attributes:
         path: The page.
+        kind: `table` for the whole table, `summary` for the short one.
         before: Text up to and with the first marker.
         after: Text from the second marker on.
     """
 
     path: Path
+    kind: str
     before: str
     after: str
 
@@ -167,18 +190,23 @@ class MarkedPage:
             raise ConfigError(f"{where}: {error.strerror}") from None
         except UnicodeDecodeError:
             raise ConfigError(f"{where}: is not UTF-8 text") from None
-        before, begin, rest = text.partition(_BEGIN)
-        _, end, after = rest.partition(_END)
-        if not begin or not end:
-            raise ConfigError(f"{where}: lacks {_BEGIN} and {_END}")
-        return cls(path, before + begin, end + after)
+        for kind in ("table", "summary"):
+            before, begin, rest = text.partition(f"<!-- {kind}: begin -->")
+            _, end, after = rest.partition(f"<!-- {kind}: end -->")
+            if begin and end:
+                return cls(path, kind, before + begin, end + after)
+        raise ConfigError(
+            f"{where}: lacks <!-- table: begin --> and <!-- table: end -->, or the same of summary"
+        )
 
-    def replace(self, table: str) -> None:
-        """Write the page with another table.
+    def replace(self, collection: Collection, estimates: Estimates) -> None:
+        """Write the page with the table of other runs.
 
         Raises:
             ConfigError: The page cannot be written.
         """
+        whole = self.kind == "table"
+        table = (markdown_table if whole else markdown_summary)(collection, estimates)
         try:
             write_text(self.path, f"{self.before}\n\n{table}\n\n{self.after}")
         except OSError as error:
