@@ -9,14 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shield.errors import InvalidProblem
 
-__all__ = [
-    "as_array",
-    "as_float",
-    "as_horizon",
-    "check_positive",
-    "check_within",
-    "is_number",
-]
+__all__ = ["as_array", "as_float", "as_horizon", "check_positive", "check_within", "is_number"]
 
 Array = NDArray[np.float64]
 

@@ -90,11 +90,7 @@ class SafetyFilter:
 
     @np.errstate(all="ignore")
     def filter(
-        self,
-        nominal: ArrayLike,
-        plan: ArrayLike | None = None,
-        *,
-        bounds: CommandBounds = _FREE,
+        self, nominal: ArrayLike, plan: ArrayLike | None = None, *, bounds: CommandBounds = _FREE
     ) -> Certificate:
         """Return the command to execute, and remember it as executed.
 

@@ -219,9 +219,7 @@ class LaneTracker:
         return True
 
 
-def _usable_rows(
-    measurement: LaneMeasurement,
-) -> tuple[Array, NDArray[np.bool_], Array] | None:
+def _usable_rows(measurement: LaneMeasurement) -> tuple[Array, NDArray[np.bool_], Array] | None:
     """Return values (4,), which are present (4,) and their deviations (4,); None when unusable."""
     values = as_array("measurement", astuple(measurement))
     z, noise = values[:4], np.concatenate([values[4:], CURVATURE_STD])

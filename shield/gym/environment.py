@@ -134,10 +134,7 @@ class ShieldedVectorEnv(VectorWrapper):
         self._ended = np.zeros(env.num_envs, dtype=bool)
 
     def reset(
-        self,
-        *,
-        seed: Any = None,
-        options: dict[str, Any] | None = None,
+        self, *, seed: Any = None, options: dict[str, Any] | None = None
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments, those in ``options["reset_mask"]`` if it is given."""
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))

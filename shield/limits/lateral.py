@@ -78,8 +78,4 @@ class LateralLimit:
             entries = (gradient.ravel(), self._columns, self._starts)
             shape = (len(actions), 2 * len(actions))
             matrix = sparse.csr_matrix(entries, shape=shape, copy=False)
-        return Rows(
-            matrix,
-            np.where(left, -UNBOUNDED, level),
-            np.where(left, level, UNBOUNDED),
-        )
+        return Rows(matrix, np.where(left, -UNBOUNDED, level), np.where(left, level, UNBOUNDED))
