@@ -4,7 +4,7 @@ import argparse
 import json
 import os
 import platform
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -15,55 +15,44 @@ from shield.limits.actuator_limits import ActuatorLimits
 
 
 def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
-    """Run the benches, print tables and write JSON.
+    """Run the benches, print tables and write JSON; return all numbers of the tables.
 
     Args:
         arguments: Command line; None takes it from the process.
-
-    Returns:
-        All numbers of the tables.
     """
     parser = argparse.ArgumentParser(prog="python -m shield.bench", description=__doc__)
-    parser.add_argument(
-        "what", nargs="?", default="projection", choices=["projection", "estimation", "all"]
-    )
+    benches = ["projection", "estimation", "all"]
+    parser.add_argument("what", nargs="?", default="projection", choices=benches)
     parser.add_argument("--out", type=Path, default=Path("runs/shield-bench"), metavar="FOLDER")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--quick", action="store_true", help="few problems")
     options = parser.parse_args(arguments)
     rng, quick = np.random.default_rng(options.seed), options.quick
-    values: dict[str, float] = {}
+    tables: dict[str, dict[str, float]] = {}
     if options.what != "estimation":
-        values |= single_against_bare(ActuatorLimits(), 8, 50 if quick else 500, rng)
-        _print_table("one horizon, H = 8", values)
+        numbers = single_against_bare(ActuatorLimits(), 8, 50 if quick else 500, rng)
+        tables["one horizon, H = 8"] = numbers
     if options.what != "projection":
-        tracking = tracking_against_raw(rng, drives=5 if quick else 50)
-        _print_table("clearance alarms at 3 m, raw against tracked", tracking)
-        values |= tracking
-    path = options.out / f"{options.what}.json"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    text = json.dumps({**_machine(), **values}, indent=2, sort_keys=True)
-    path.write_text(text + "\n", encoding="utf-8")
-    print(f"written to {path}")
-    return values
-
-
-def _machine() -> dict[str, str | int]:
-    """Return what the numbers were measured on."""
-    return {
+        numbers = tracking_against_raw(rng, drives=5 if quick else 50)
+        tables["clearance alarms at 3 m, raw against tracked"] = numbers
+    values: dict[str, float] = {}
+    for title, numbers in tables.items():
+        print(title)
+        for name, value in numbers.items():
+            print(f"  {name:<{max(map(len, numbers))}}  {value:10.4g}")
+        values |= numbers
+    machine = {
         "python": platform.python_version(),
         "machine": platform.machine(),
         "processors": os.cpu_count() or 0,
         "threads": int(os.environ.get("OMP_NUM_THREADS", "0")),
     }
-
-
-def _print_table(title: str, values: Mapping[str, float]) -> None:
-    """Print names and numbers in two columns."""
-    width = max(map(len, values))
-    print(title)
-    for name, value in values.items():
-        print(f"  {name:<{width}}  {value:10.4g}")
+    path = options.out / f"{options.what}.json"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    text = json.dumps({**machine, **values}, indent=2, sort_keys=True)
+    path.write_text(text + "\n", encoding="utf-8")
+    print(f"written to {path}")
+    return values
 
 
 if __name__ == "__main__":

@@ -6,10 +6,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from shield.estimation.clearance import ClearanceTracker
+from shield.estimation.scan import DEFAULT_SCANNER
 
 __all__ = ["ScanFaults", "simulate_drive", "tracking_against_raw"]
 
 Array = NDArray[np.float64]
+
+DT = 0.1  # [s] period of the scans
+STEPS = 200  # [-] scans of a drive
+OBSTACLES = 12  # [-] circles beside the path: parked cars and poles
+THRESHOLD = 3.0  # [m] clearance below which to alarm
+CLEAR = 0.3  # [m] above the threshold, from which on a scan is truly clear
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,43 +36,25 @@ class ScanFaults:
     stuck: int = 2
 
 
-def simulate_drive(
-    rng: np.random.Generator,
-    faults: ScanFaults,
-    *,
-    steps: int = 200,
-    beams: int = 180,
-    max_range: float = 40.0,
-    dt: float = 0.1,
-) -> tuple[Array, Array]:
+def simulate_drive(rng: np.random.Generator, faults: ScanFaults) -> tuple[Array, Array]:
     """Simulate scans of a drive past parked cars and poles, at a speed that varies.
 
     Obstacles are circles beside and across the path; they pass the field of view of 180° in front
     of the sensor and disappear behind it.
 
-    Args:
-        rng: Source of randomness.
-        faults: What goes wrong.
-        steps: Number of scans.
-        beams: Beams in a scan.
-        max_range: Range reported where nothing returns [m].
-        dt: Period of the scans [s].
-
     Returns:
-        Scans (steps, beams) and the true clearances (steps,) [m].
+        Scans (`STEPS`, n) and the true clearances (`STEPS`,) [m].
     """
-    angles = np.linspace(-np.pi / 2, np.pi / 2, beams)
-    count = 12
-    centres = np.column_stack(
-        [rng.uniform(8.0, 160.0, count), rng.uniform(2.0, 8.0, count) * rng.choice([-1, 1], count)]
-    )
-    radii = rng.choice([0.15, 0.5, 1.0], count)
+    beams, max_range = DEFAULT_SCANNER.beams, DEFAULT_SCANNER.max_range
+    ahead, aside = rng.uniform(8.0, 160.0, OBSTACLES), rng.uniform(2.0, 8.0, OBSTACLES)
+    centres = np.column_stack([ahead, aside * rng.choice([-1, 1], OBSTACLES)])
+    radii = rng.choice([0.15, 0.5, 1.0], OBSTACLES)
     speed = rng.uniform(3.0, 10.0)
-    scans, truth = np.empty((steps, beams)), np.empty(steps)
+    scans, truth = np.empty((STEPS, beams)), np.empty(STEPS)
     broken = rng.choice(beams, faults.stuck, replace=False)
     held = rng.uniform(0.5, max_range, faults.stuck)
-    for step in range(steps):
-        exact = np.minimum(_ranges(centres, radii, angles), max_range)
+    for step in range(STEPS):
+        exact = np.minimum(_ranges(centres, radii, DEFAULT_SCANNER.angles), max_range)
         truth[step] = exact.min()
         scan = np.where(exact < max_range, exact + rng.normal(0.0, faults.noise, beams), exact)
         spurious = rng.random(beams) < faults.spurious
@@ -73,7 +62,7 @@ def simulate_drive(
         scan[rng.random(beams) < faults.dropout] = np.nan
         scan[broken] = held
         scans[step] = scan
-        centres[:, 0] -= speed * dt
+        centres[:, 0] -= speed * DT
         speed = float(np.clip(speed + rng.normal(0.0, 0.2), 1.0, 12.0))
     return scans, truth
 
@@ -85,30 +74,14 @@ def _ranges(centres: Array, radii: Array, angles: Array) -> Array:
     inside = radii[:, None] ** 2 - across
     hit = (inside > 0.0) & (along > 0.0)
     distance = np.where(hit, along - np.sqrt(np.where(hit, inside, 0.0)), np.inf)
-    nearest: Array = distance.min(axis=0)
-    return nearest
+    return np.asarray(distance.min(axis=0))
 
 
-def tracking_against_raw(
-    rng: np.random.Generator,
-    *,
-    drives: int = 50,
-    threshold: float = 3.0,
-    sigma_factor: float = 1.0,
-    faults: ScanFaults | None = None,
-) -> dict[str, float]:
-    """Compare the alarm `clearance < threshold` on raw and on tracked clearances.
+def tracking_against_raw(rng: np.random.Generator, *, drives: int = 50) -> dict[str, float]:
+    """Compare the alarm `clearance < THRESHOLD` on raw and on tracked clearances.
 
-    A scan is truly clear from 0.3 m above the threshold on and truly risky below it. The raw
-    clearance is the smallest valid range, the tracked one `clearance - sigma_factor * std`. The
-    delay of a true crossing is the number of scans from it to the first alarm.
-
-    Args:
-        rng: Source of randomness.
-        drives: Simulated drives of 200 scans.
-        threshold: Clearance below which to alarm [m].
-        sigma_factor: Standard deviations taken off the tracked clearance.
-        faults: What goes wrong in the scans. Default: `ScanFaults()`.
+    The raw clearance is the smallest valid range, the tracked one is `clearance - std`. The delay
+    of a true crossing is the number of scans from it to the first alarm.
 
     Returns:
         False alarm and miss rates, delays in scans, and the ratio of the false alarms.
@@ -116,24 +89,19 @@ def tracking_against_raw(
     counts = {"raw": np.zeros(4), "tracked": np.zeros(4)}
     delays: dict[str, list[int]] = {"raw": [], "tracked": []}
     for _ in range(drives):
-        scans, truth = simulate_drive(rng, faults or ScanFaults())
-        tracker = ClearanceTracker(0.1)
+        scans, truth = simulate_drive(rng, ScanFaults())
+        tracker = ClearanceTracker(DT)
         estimates = [tracker.update(scan) for scan in scans]
-        alarms = {
-            "raw": np.nanmin(scans, axis=1) < threshold,
-            "tracked": np.array(
-                [one.clearance - sigma_factor * one.std < threshold for one in estimates]
-            ),
+        nearest = {
+            "raw": np.nanmin(scans, axis=1),
+            "tracked": np.array([estimate.clearance - estimate.std for estimate in estimates]),
         }
-        clear, risky = truth >= threshold + 0.3, truth < threshold
+        clear, risky = truth >= THRESHOLD + CLEAR, truth < THRESHOLD
         onsets = np.flatnonzero(risky[1:] & ~risky[:-1]) + 1
-        for name, alarm in alarms.items():
-            counts[name] += [
-                (alarm & clear).sum(),
-                clear.sum(),
-                (~alarm & risky).sum(),
-                risky.sum(),
-            ]
+        for name, clearance in nearest.items():
+            alarm = clearance < THRESHOLD
+            outcomes = alarm & clear, clear, ~alarm & risky, risky
+            counts[name] += [outcome.sum() for outcome in outcomes]
             delays[name] += [_delay(alarm[onset:], risky[onset:]) for onset in onsets]
     result: dict[str, float] = {}
     for name, (false, clear_steps, missed, risky_steps) in counts.items():

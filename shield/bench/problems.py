@@ -1,4 +1,4 @@
-"""Random problems, all drawn from a generator that is handed in."""
+"""Random problems: nominal horizons (count, H, 2) and previous commands (count, 2)."""
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,16 +16,7 @@ def random_problems(
     """Draw horizons of four kinds in equal shares, each from an admissible previous command.
 
     They are: far outside the box, inside the box without any smoothness, a random walk from the
-    previous command, and a constant wish with noise.
-
-    Args:
-        limits: Limits.
-        horizon: Number of steps H.
-        count: Number of problems B.
-        rng: Source of randomness.
-
-    Returns:
-        Nominal horizons (B, H, 2) and previous commands (B, 2).
+    previous command, and a constant target with noise.
     """
     low, high = limits.low, limits.high
     previous = _admissible_commands(limits, count, rng)
@@ -41,25 +32,14 @@ def random_problems(
             walk = rng.normal(0.0, [0.05, 0.5], shape)
             nominals[index] = previous[index] + np.cumsum(walk, axis=0)
         else:
-            wish = rng.uniform(low, high)
-            nominals[index] = wish + rng.normal(0.0, [0.02, 0.2], shape)
+            nominals[index] = rng.uniform(low, high) + rng.normal(0.0, [0.02, 0.2], shape)
     return nominals, previous
 
 
 def bending_problems(
     limits: ActuatorLimits, horizon: int, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array]:
-    """Draw horizons that steer further into a bend at speed, so that the lateral bound binds.
-
-    Args:
-        limits: Limits with a lateral bound.
-        horizon: Number of steps H.
-        count: Number of problems B.
-        rng: Source of randomness.
-
-    Returns:
-        Nominal horizons (B, H, 2) and previous commands (B, 2).
-    """
+    """Draw horizons that steer further into a bend at speed, so that the lateral bound binds."""
     previous = _admissible_commands(limits, count, rng)
     drift = np.array([0.5, 0.3]) * limits.max_increase * np.where(previous < 0.0, -1.0, 1.0)
     steps = rng.normal(drift[:, None, :], limits.max_increase, (count, horizon, 2))

@@ -17,7 +17,7 @@ from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits.rounding import differences_exceed, sums_below
 from shield.projection.certificate import Certificate, Status
 
-__all__ = ["BoxFilter", "as_action", "as_floating"]
+__all__ = ["BoxFilter", "as_action", "as_floating", "certify"]
 
 Array = NDArray[np.float64]
 
@@ -28,16 +28,16 @@ class BoxFilter:
     Args:
         low: Lower bounds, shape (n,) or any other; infinite where there is none.
         high: Upper bounds, same shape.
-        rate: Largest rates of change per second, one number or an array like `low`; infinite, the
-            default, where there is none. The step is the float64 product ``rate * dt``.
+        rate: Largest rates of change per second, one number or an array like `low`; infinite where
+            there is none. The step is the float64 product ``rate * dt``.
         dt: Control period [s]. Default: 1, so that rates are per step.
-        dtype: Precision of the actions. Default: float32.
+        dtype: Precision of the actions.
         rest: Action that counts as executed after `reset`, and that an unusable action is answered
             by moving to. Default: the point of the box nearest to zero.
 
     Raises:
         InvalidLimits: Bounds that no action satisfies, rates that are not positive.
-        InvalidProblem: `dtype` is not a floating point type.
+        InvalidProblem: `dtype` is not a floating point type, or `rest` does not fit.
     """
 
     def __init__(
@@ -52,36 +52,29 @@ class BoxFilter:
     ) -> None:
         self._dtype = as_floating("dtype", dtype)
         self._low, self._high = as_array("low", low), as_array("high", high)
-        if self._low.shape != self._high.shape or not (self._low <= self._high).all():
+        shape = self._low.shape
+        if shape != self._high.shape or not (self._low <= self._high).all():
             raise InvalidLimits(f"`low` must not exceed `high`. Got {low!r} and {high!r}.")
         check_positive(InvalidLimits, dt=dt)
-        self._step = self._steps(rate, dt)
-        # The box of the representable, finite actions.
-        largest = float(np.finfo(self._dtype).max)
-        self._low = np.maximum(self._round_up(self._low), -largest)
-        self._high = np.minimum(self._round_down(self._high), largest)
-        if not (self._low <= self._high).all():
-            raise InvalidLimits(f"no {self._dtype} lies between {low!r} and {high!r}.")
-        start = np.zeros(self._low.shape) if rest is None else as_array("rest", rest)
-        if start.shape != self._low.shape or not np.isfinite(start).all():
-            raise InvalidProblem(
-                f"`rest` must be finite and have shape {self._low.shape}. Got {rest!r}."
-            )
-        self._rest = np.asarray(
-            np.clip(start.astype(self._dtype).astype(np.float64), self._low, self._high)
-        )
-        self.reset()
-
-    def _steps(self, rate: ArrayLike, dt: float) -> Array:
-        """Return the largest change of each number in one period."""
-        rates, shape = as_array("rate", rate), self._low.shape
+        rates = as_array("rate", rate)
         if rates.shape not in {(), shape}:
             raise InvalidLimits(f"`rate` must have shape {shape} or (). Got {rates.shape}.")
         with np.errstate(over="ignore", under="ignore"):
-            steps = np.broadcast_to(rates, shape) * dt
-        if not (steps > 0.0).all():
+            self._step = np.broadcast_to(rates, shape) * dt
+        if not (self._step > 0.0).all():
             raise InvalidLimits(f"`rate` times `dt` must be positive. Got {rate!r} times {dt!r}.")
-        return steps
+        # The box of the representable, finite actions.
+        largest = float(np.finfo(self._dtype).max)
+        self._low = np.maximum(-self._round_down(-self._low), -largest)
+        self._high = np.minimum(self._round_down(self._high), largest)
+        if not (self._low <= self._high).all():
+            raise InvalidLimits(f"no {self._dtype} lies between {low!r} and {high!r}.")
+        start = np.zeros(shape) if rest is None else as_array("rest", rest)
+        if start.shape != shape or not np.isfinite(start).all():
+            raise InvalidProblem(f"`rest` must be finite and have shape {shape}. Got {rest!r}.")
+        rounded = start.astype(self._dtype).astype(np.float64)
+        self._rest = np.asarray(np.clip(rounded, self._low, self._high))
+        self.reset()
 
     @property
     def previous(self) -> Array:
@@ -120,20 +113,7 @@ class BoxFilter:
             cast = value.astype(self._dtype)
         excess = 0.0 if self._is_admissible(value) else np.inf
         self._execute(value)
-        # Of a space without dimensions numpy makes scalars, which are read-only anyway.
-        correction = np.asarray(value - nominal)
-        for array in (nominal, cast, correction):
-            array.flags.writeable = False
-        return Certificate(
-            nominal_action=nominal,
-            safe_action=cast,
-            status=status,
-            reason=reason,
-            correction=correction,
-            max_violation=excess,
-            solve_time=time.perf_counter() - begin,
-            intervened=status is not Status.NOMINAL,
-        )
+        return certify(nominal, cast, status, reason, excess, begin)
 
     def _is_admissible(self, value: Array) -> bool:
         """Tell whether an action keeps box and rates exactly."""
@@ -155,21 +135,13 @@ class BoxFilter:
         lower = np.nextafter(cast, np.asarray(-np.inf, dtype=self._dtype))
         return np.where(cast > value, lower, cast).astype(np.float64)
 
-    def _round_up(self, value: Array) -> Array:
-        """Return the smallest representable number that is at least `value`."""
-        return -self._round_down(-value)
-
     def _execute(self, value: Array) -> None:
         value.flags.writeable = False
         self._previous = value
 
 
 def as_action(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[Any]:
-    """Return a copy of `values` in their own precision, of `shape`.
-
-    Raises:
-        InvalidProblem: They are not real numbers, or not of `shape`.
-    """
+    """Return a copy of real numbers of `shape` in their own precision."""
     numbers = as_array(name, values, shape)
     own = getattr(values, "dtype", None)
     # What is not an array of numbers already, such as a list of huge integers, is float64.
@@ -178,11 +150,7 @@ def as_action(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[A
 
 
 def as_floating(name: str, dtype: DTypeLike) -> np.dtype[Any]:
-    """Return a floating point type.
-
-    Raises:
-        InvalidProblem: It is another type, or none.
-    """
+    """Return a floating point type."""
     try:
         kind = np.dtype(dtype)
     except TypeError as error:
@@ -190,3 +158,28 @@ def as_floating(name: str, dtype: DTypeLike) -> np.dtype[Any]:
     if kind.kind != "f":
         raise InvalidProblem(f"`{name}` must be a floating point type. Got {kind}.")
     return kind
+
+
+def certify(
+    nominal: NDArray[Any],
+    safe: NDArray[Any],
+    status: Status,
+    reason: str,
+    excess: float,
+    begin: float,
+) -> Certificate:
+    """Return the certificate of a call that began at `begin`; its arrays become read-only."""
+    # Of a space without dimensions numpy makes scalars, which are read-only anyway.
+    correction = np.asarray(safe.astype(np.float64) - nominal)
+    for array in (nominal, safe, correction):
+        array.flags.writeable = False
+    return Certificate(
+        nominal_action=nominal,
+        safe_action=safe,
+        status=status,
+        reason=reason,
+        correction=correction,
+        max_violation=excess,
+        solve_time=time.perf_counter() - begin,
+        intervened=status is not Status.NOMINAL,
+    )

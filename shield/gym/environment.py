@@ -3,7 +3,7 @@
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -13,7 +13,6 @@ from shield.errors import InvalidLimits, InvalidProblem, MissingDependency
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.projection.certificate import Certificate
 
 try:
     import gymnasium
@@ -25,12 +24,7 @@ except ImportError as error:
 __all__ = ["ShieldedEnv", "ShieldedVectorEnv"]
 
 
-class _ActionFilter(Protocol):
-    """What both wrappers need of a filter."""
-
-    def reset(self) -> None: ...
-
-    def filter(self, action: ArrayLike) -> Certificate: ...
+Array = NDArray[np.float64]
 
 
 class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -92,7 +86,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         bounds = _Bounds(limits, normalised, rate, dt, low, high, rest)
         RecordConstructorArgs.__init__(self, **bounds.plain())
         gymnasium.Wrapper.__init__(self, env)
-        self._shield = bounds.filter_factory(env.action_space)()
+        (self._shield,) = bounds.filters(env.action_space, 1)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -104,10 +98,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     def step(self, action: ArrayLike) -> tuple[Any, Any, bool, bool, dict[str, Any]]:
         """Execute the nearest admissible action."""
         certificate = self._shield.filter(action)
-        observation, reward, terminated, truncated, info = self.env.step(
-            certificate.safe_action.copy()
-        )
-        return observation, reward, terminated, truncated, {**info, "certificate": certificate}
+        result = self.env.step(certificate.safe_action.copy())
+        return *result[:4], {**result[4], "certificate": certificate}
 
 
 class ShieldedVectorEnv(VectorWrapper):
@@ -122,14 +114,13 @@ class ShieldedVectorEnv(VectorWrapper):
         **options: As in `ShieldedEnv`.
 
     Raises:
-        InvalidProblem: As in `ShieldedEnv`.
-        InvalidLimits: As in `ShieldedEnv`.
+        InvalidProblem, InvalidLimits: As in `ShieldedEnv`.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], *arguments: Any, **options: Any) -> None:
         super().__init__(env)
-        make = _Bounds(*arguments, **options).filter_factory(env.single_action_space)
-        self._shields = [make() for _ in range(env.num_envs)]
+        bounds = _Bounds(*arguments, **options)
+        self._shields = bounds.filters(env.single_action_space, env.num_envs)
         self._mode = env.metadata.get("autoreset_mode", AutoresetMode.NEXT_STEP)
         self._ended = np.zeros(env.num_envs, dtype=bool)
 
@@ -189,19 +180,14 @@ class _Bounds:
 
     def plain(self) -> dict[str, Any]:
         """Return them as what JSON can hold."""
-        limits = self.limits
-        values: dict[str, Any] = {
-            "limits": asdict(limits) if isinstance(limits, ActuatorLimits) else limits,
-            "normalised": self.normalised,
-            "dt": self.dt,
-        }
-        for name in ("rate", "low", "high", "rest"):
-            value = getattr(self, name)
-            values[name] = None if value is None else as_array(name, value).tolist()
-        return values
+        values = {name: getattr(self, name) for name in self.__slots__}
+        if isinstance(self.limits, ActuatorLimits):
+            values["limits"] = asdict(self.limits)
+        arrays = [name for name in ("rate", "low", "high", "rest") if values[name] is not None]
+        return values | {name: as_array(name, values[name]).tolist() for name in arrays}
 
-    def filter_factory(self, space: Any) -> Callable[[], _ActionFilter]:
-        """Return a function that makes a filter for an action space."""
+    def filters(self, space: Any, count: int) -> list[BoxFilter | VehicleFilter]:
+        """Return filters for an action space, each with a memory of its own."""
         if not isinstance(space, gymnasium.spaces.Box) or np.dtype(space.dtype).kind != "f":
             raise InvalidProblem(f"`env` must have a Box of floating point actions. Got {space}.")
         excluded = ("normalised",) if self.limits is None else ("rate", "dt", "low", "high")
@@ -209,11 +195,12 @@ class _Bounds:
             if getattr(self, name) is not None:
                 rule = "needs" if self.limits is None else "has no effect with"
                 raise InvalidProblem(f"`{name}` {rule} `limits`. Got {getattr(self, name)!r}.")
-        return self._box(space) if self.limits is None else self._vehicle(self.limits, space)
+        make = self._box(space) if self.limits is None else self._vehicle(self.limits, space)
+        return [make() for _ in range(count)]
 
     def _vehicle(
-        self, given: ActuatorLimits | Mapping[str, Any], space: Any
-    ) -> Callable[[], _ActionFilter]:
+        self, given: ActuatorLimits | Mapping[str, Any], space: gymnasium.spaces.Box
+    ) -> Callable[[], VehicleFilter]:
         limits = given if isinstance(given, ActuatorLimits) else ActuatorLimits(**given)
         if space.shape != (2,):
             raise InvalidProblem(
@@ -232,25 +219,20 @@ class _Bounds:
             limits, space.low, space.high, normalised=normalised, dtype=space.dtype, rest=self.rest
         )
 
-    def _box(self, space: Any) -> Callable[[], _ActionFilter]:
-        rate = np.inf if self.rate is None else self.rate
-        dt = 1.0 if self.dt is None else self.dt
-        bottom, top = space.low, space.high
-        if self.low is not None:
-            bottom = np.maximum(_shaped("low", self.low, space), bottom)
-        if self.high is not None:
-            top = np.minimum(_shaped("high", self.high, space), top)
-        free = np.isinf(bottom) & np.isinf(top) & np.isinf(_shaped("rate", rate, space))
-        if free.any():
+    def _box(self, space: gymnasium.spaces.Box) -> Callable[[], BoxFilter]:
+        shaped: dict[str, Array] = {}
+        for name, default in (("rate", np.inf), ("low", space.low), ("high", space.high)):
+            given = getattr(self, name)
+            values = as_array(name, default if given is None else given)
+            if values.shape not in {(), space.shape}:
+                raise InvalidLimits(
+                    f"`{name}` must have shape {space.shape} or (). Got {values.shape}."
+                )
+            shaped[name] = np.broadcast_to(values, space.shape)
+        low, high = np.maximum(shaped["low"], space.low), np.minimum(shaped["high"], space.high)
+        if (np.isinf(low) & np.isinf(high) & np.isinf(shaped["rate"])).any():
             raise InvalidLimits(
                 f"`env` must have bounded actions, or `rate`, `low` and `high` must. Got {space}."
             )
-        return lambda: BoxFilter(bottom, top, rate, dt, dtype=space.dtype, rest=self.rest)
-
-
-def _shaped(name: str, values: ArrayLike, space: Any) -> NDArray[np.float64]:
-    """Return bounds, or rates, in the shape of a space."""
-    bounds = as_array(name, values)
-    if bounds.shape not in {(), space.shape}:
-        raise InvalidLimits(f"`{name}` must have shape {space.shape} or (). Got {bounds.shape}.")
-    return np.broadcast_to(bounds, space.shape)
+        dt = 1.0 if self.dt is None else self.dt
+        return lambda: BoxFilter(low, high, shaped["rate"], dt, dtype=space.dtype, rest=self.rest)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, DTypeLike, NDArray
 
 from shield.arguments import as_array
 from shield.errors import InvalidLimits, InvalidProblem
-from shield.gym.box_filter import as_action, as_floating
+from shield.gym.box_filter import as_action, as_floating, certify
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.projection.certificate import Certificate, Status
 from shield.projection.repair import worst_excess
@@ -34,9 +34,8 @@ class VehicleFilter:
         limits: Limits of the vehicle.
         low: Lower bounds of the action space, shape (2,).
         high: Upper bounds of the action space, shape (2,).
-        normalised: True: actions are mapped to commands by `ActuatorLimits.to_command`. False:
-            actions are commands.
-        dtype: Precision of the action space. Default: float32.
+        normalised: Whether actions are mapped to commands by `ActuatorLimits.to_command`.
+        dtype: Precision of the action space.
         rest: Command [rad, m/s] that counts as executed after `reset`. Default: straight wheels and
             the speed nearest to standstill.
 
@@ -87,8 +86,7 @@ class VehicleFilter:
             action: Nominal action, shape (2,), any values.
 
         Returns:
-            The certificate, in the units and the precision of the action space. An admissible
-            action passes bit by bit.
+            The certificate, in the units and the precision of the action space.
 
         Raises:
             InvalidProblem: The shape does not fit.
@@ -111,19 +109,7 @@ class VehicleFilter:
             excess = worst_excess(self.limits, command.tolist(), *before.tolist())
         self._filter.record(command)
         self._action = given
-        correction = given.astype(np.float64) - nominal
-        for array in (nominal, given, correction):
-            array.flags.writeable = False
-        return Certificate(
-            nominal_action=nominal,
-            safe_action=given,
-            status=status,
-            reason=reason,
-            correction=correction,
-            max_violation=excess,
-            solve_time=time.perf_counter() - begin,
-            intervened=status is not Status.NOMINAL,
-        )
+        return certify(nominal, given, status, reason, excess, begin)
 
     def _tightened(self) -> ActuatorLimits:
         """Return limits that still hold after a command was rounded to the space's precision."""

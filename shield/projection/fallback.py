@@ -4,9 +4,6 @@ Both are admissible by construction, because both pass the forward repair: from 
 command it always has an answer, without a solver and in time O(H).
 """
 
-import math
-from collections.abc import Iterable
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -21,22 +18,13 @@ def braking_targets(limits: ActuatorLimits, steering: float, horizon: int) -> li
 
     Repaired, they brake at the full rate. The steering stays on its arc and is eased only where
     the lateral bound asks for it: straightening the wheels in a bend would leave the lane.
-
-    Args:
-        limits: Limits of the vehicle.
-        steering: Last executed steering [rad].
-        horizon: Number of steps H.
     """
     slowest = min(max(0.0, limits.min_speed), limits.max_speed)
     return [steering, slowest] * horizon
 
 
 class FallbackPlan:
-    """Remembers the last plan; hands out its rest, then braking.
-
-    Args:
-        limits: Limits of the vehicle.
-    """
+    """Remembers the last plan; hands out its rest, then braking."""
 
     def __init__(self, limits: ActuatorLimits) -> None:
         self._limits = limits
@@ -53,33 +41,18 @@ class FallbackPlan:
             commands: Plan [rad, m/s], shape (H, 2); the part from the first value that is not
                 finite on is dropped.
         """
-        self._rest = list(_finite_prefix(commands[1:].ravel().tolist()))
+        finite = np.logical_and.accumulate(np.isfinite(commands[1:]).all(axis=1))
+        self._rest = commands[1:][finite].ravel().tolist()
 
     def advance(self) -> None:
         """Drop the step that has just been executed."""
         self._rest = self._rest[2:]
 
     def horizon(self, steering: float, speed: float, length: int) -> tuple[list[float], str]:
-        """Return an admissible flat horizon (2 length,) from the last command, and what it is.
-
-        Args:
-            steering: Last executed steering [rad].
-            speed: Last executed speed [m/s].
-            length: Number of steps.
-        """
+        """Return an admissible flat horizon (2 length,) from the last command, and what it is."""
         targets = self._rest[: 2 * length]
         what = "the last plan shifted by one" if targets else "braking"
         missing = length - len(targets) // 2
         last_steering = targets[-2] if targets else steering
         targets += braking_targets(self._limits, last_steering, missing)
         return repair(self._limits, targets, steering, speed).commands, what
-
-
-def _finite_prefix(values: list[float]) -> Iterable[float]:
-    """Yield whole pairs up to the first that is not finite."""
-    pairs = iter(values)
-    for delta, v in zip(pairs, pairs, strict=True):
-        if not (math.isfinite(delta) and math.isfinite(v)):
-            return
-        yield delta
-        yield v

@@ -4,6 +4,7 @@ import math
 import reprlib
 import time
 from collections.abc import Sequence
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,10 +14,8 @@ from scipy import sparse
 from shield.arguments import as_array, check_positive
 from shield.errors import InvalidProblem
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.box import BoxLimit
 from shield.limits.constraint import Constraint, RowStack
-from shield.limits.lateral import LateralLimit
-from shield.limits.rate import RateLimit
+from shield.limits.rows import BoxLimit, LateralLimit, RateLimit
 from shield.projection.certificate import Projection, Status
 from shield.projection.fallback import braking_targets
 from shield.projection.repair import is_admissible, repair, worst_excess
@@ -38,19 +37,12 @@ _TOO_MUCH = "the constraints cannot be kept together with the limits"
 
 
 class _Judged(NamedTuple):
-    """A repaired horizon and how good it is.
+    """A repaired horizon and how good it is."""
 
-    Attributes:
-        commands: Flat horizon, length 2 H.
-        verified: Whether it is the nearest, to the tolerance.
-        broken: Largest excess of the caller's scaled rows over the tolerance [steps].
-        distance: Half the weighted squared distance to the target [steps²].
-    """
-
-    commands: list[float]
-    verified: bool
-    broken: float
-    distance: float
+    commands: list[float]  # flat, length 2 H
+    verified: bool  # whether it is the nearest, to the tolerance
+    broken: float  # largest excess of the caller's scaled rows over the tolerance [steps]
+    distance: float  # half the weighted squared distance to the target [steps²]
 
 
 class HorizonProjector:
@@ -119,33 +111,31 @@ class HorizonProjector:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by building anew: a solver's workspace cannot be copied."""
-        options = {
-            "constraints": self.constraints,
-            "weights": self.weights,
-            "tolerance": self.tolerance,
-            "deadline": self.deadline,
-        }
-        return _build, (self.limits, self.horizon, self._choice, options)
+        build = partial(
+            HorizonProjector,
+            constraints=self.constraints,
+            weights=self.weights,
+            tolerance=self.tolerance,
+            deadline=self.deadline,
+        )
+        return build, (self.limits, self.horizon, self._choice)
 
     def reset(self) -> None:
         """Forget earlier horizons.
 
-        The solver starts from its last answer. After a reset the same horizons in the same order
-        give the same answers, bit by bit, as long as no deadline cuts one short.
+        After a reset the same horizons in the same order give the same answers, bit by bit, as long
+        as no deadline cuts one short.
         """
         self._solver.reset()
         self._soft = None
 
     @np.errstate(all="ignore")
     def project(self, nominal: ArrayLike, previous: ArrayLike) -> Projection:
-        """Return the nearest admissible horizon.
+        """Return the nearest admissible horizon; admissible nominals come back bit by bit.
 
         Args:
             nominal: Commands to be near to [rad, m/s], shape (H, 2), any values.
             previous: Last executed command [rad, m/s], shape (2,), any values.
-
-        Returns:
-            The horizon with its status. Admissible nominals come back bit by bit.
 
         Raises:
             InvalidProblem: A shape or a type does not fit.
@@ -157,8 +147,7 @@ class HorizonProjector:
         flat: list[float] = target.ravel().tolist()
         finite = math.isfinite(sum(flat)) or all(map(math.isfinite, flat))
         if not finite:
-            commands, reason = self._brake(flat, steering, speed)
-            status = Status.FALLBACK
+            commands, status, reason = self._brake(flat, steering, speed)
         elif not note and self._keeps_all(target, flat, steering, speed):
             commands, status, reason = flat, Status.NOMINAL, ""
         else:
@@ -203,24 +192,20 @@ class HorizonProjector:
         """Return a finite previous command, and a note when it had to be assumed."""
         if math.isfinite(steering) and math.isfinite(speed):
             return steering, speed, ""
-        limits = self.limits
-        side = limits.max_steering
-        turned = 0.0 if math.isnan(steering) else min(max(steering, -side), side)
-        moving = 0.0 if math.isnan(speed) else speed
-        moving = min(max(moving, limits.min_speed), limits.max_speed)
-        return (
-            turned,
-            moving,
-            f"the previous command ({steering}, {speed}) is not finite: "
-            f"({turned:g}, {moving:g}) assumed",
-        )
+        given = np.nan_to_num([steering, speed], nan=0.0, posinf=math.inf, neginf=-math.inf)
+        turned, moving = np.clip(given, self.limits.low, self.limits.high).tolist()
+        note = f"the previous command ({steering}, {speed}) is not finite: "
+        return turned, moving, note + f"({turned:g}, {moving:g}) assumed"
 
-    def _brake(self, flat: list[float], steering: float, speed: float) -> tuple[list[float], str]:
+    def _brake(
+        self, flat: list[float], steering: float, speed: float
+    ) -> tuple[list[float], Status, str]:
         """Return full braking, for a nominal that is not finite somewhere."""
         index, value = next(item for item in enumerate(flat) if not math.isfinite(item[1]))
         targets = braking_targets(self.limits, steering, self.horizon)
         commands = repair(self.limits, targets, steering, speed).commands
-        return commands, f"nominal[{index // 2}, {index % 2}] is {value}: braking"
+        reason = f"nominal[{index // 2}, {index % 2}] is {value}: braking"
+        return commands, Status.FALLBACK, reason
 
     def _keeps_all(self, target: Array, flat: list[float], steering: float, speed: float) -> bool:
         """Tell whether a horizon keeps the limits exactly and other rows to the tolerance."""
@@ -262,9 +247,6 @@ class HorizonProjector:
         if self.horizon == 1 and not best.verified:
             # The nearest single command is nearly always what the repair finds.
             best = self._verify(best, target)
-        # Far away targets shrink to a distance that the solver's tolerances are made for.
-        scale = min(float(np.abs(shift).max()), _LARGEST_SCALE) or 1.0
-        q = self._diagonal * shift / -scale
         changed = soft = False
         for program in range(_MAX_PROGRAMS):
             # The same rows once more only help with a finer tolerance.
@@ -274,7 +256,7 @@ class HorizonProjector:
                 return best, "the rows of a constraint are not usable"
             if time.perf_counter() > begin + 0.5 * self.deadline:
                 return best, "; ".join(filter(None, (reason, "stopped at the deadline")))
-            answer = self._solve(q, origin, scale, soft=soft, fine=program > 0)
+            answer = self._solve(shift, origin, soft=soft, fine=program > 0)
             if answer.z is None and self.constraints and not soft:
                 # Not all rows can be kept: those of the caller's own get a slack with a price.
                 soft = changed = True
@@ -283,11 +265,10 @@ class HorizonProjector:
             if answer.z is None:
                 self._take_rows(np.array(best.commands), previous)
                 return self._verify(best, target), reason
-            moved = ((origin + scale * answer.z) * self._scale).tolist()
+            moved = ((origin + answer.z) * self._scale).tolist()
             candidate = repair(self.limits, moved, steering, speed, self.weights).commands
             changed = not self._is_linear and self._take_rows(np.array(candidate), previous)
-            y = np.zeros(len(self._rows.norm)) if answer.y is None else scale * answer.y
-            judged = self._judge(candidate, target, np.asarray(y))
+            judged = self._judge(candidate, target, answer.y)
             gain = (best.broken - judged.broken, best.distance - judged.distance)
             if soft and not judged.verified:
                 reason, changed = reason or _TOO_MUCH, changed and max(gain) > self.tolerance
@@ -295,22 +276,29 @@ class HorizonProjector:
                 best = judged
         return best, reason
 
-    def _solve(self, q: Array, origin: Array, scale: float, *, soft: bool, fine: bool) -> Answer:
-        """Solve for the displacement from `origin` in units of `scale`, rows `soft` or not."""
+    def _solve(self, shift: Array, origin: Array, *, soft: bool, fine: bool) -> Answer:
+        """Solve for the displacement from `origin` nearest to `shift`, rows `soft` or not."""
         rows = self._rows
+        # Far away targets shrink to a distance that the solver's tolerances are made for.
+        scale = min(float(np.abs(shift).max()), _LARGEST_SCALE) or 1.0
+        q = self._diagonal * shift / -scale
         at_origin = rows.times(origin)
         lower, upper = (rows.lower - at_origin) / scale, (rows.upper - at_origin) / scale
-        if not soft:
-            entries = rows.value if self._is_stale else None
-            self._is_stale = False
-            return self._solver.solve(Program(q, lower, upper, entries), fine=fine)
-        slacks = len(lower) - rows.spans[self._built_in].start
-        if self._soft is None:
-            self._soft = self._make_solver(slacks)
-        entries = np.concatenate([rows.value, np.ones(slacks)])
-        padded = np.concatenate([q, np.zeros(slacks)])
-        answer = self._soft.solve(Program(padded, lower, upper, entries), fine=fine)
-        return answer if answer.z is None else answer._replace(z=answer.z[: len(q)])
+        if soft:
+            slacks = len(lower) - rows.spans[self._built_in].start
+            if self._soft is None:
+                self._soft = self._make_solver(slacks)
+            entries = np.concatenate([rows.value, np.ones(slacks)])
+            padded = np.concatenate([q, np.zeros(slacks)])
+            answer = self._soft.solve(Program(padded, lower, upper, entries), fine=fine)
+        else:
+            stale, self._is_stale = self._is_stale, False
+            program = Program(q, lower, upper, rows.value if stale else None)
+            answer = self._solver.solve(program, fine=fine)
+        if answer.z is None:
+            return answer
+        y = None if answer.y is None else scale * answer.y
+        return Answer(scale * answer.z[: len(q)], y, answer.reason)
 
     def _make_solver(self, slacks: int = 0) -> QPSolver:
         """Build a solver for the pattern of the rows; the last `slacks` rows get a slack each."""
@@ -335,8 +323,9 @@ class HorizonProjector:
         self._is_stale = (self._is_stale or changed) and not laid_out
         return changed
 
-    def _judge(self, commands: list[float], target: Array, y: Array) -> _Judged:
+    def _judge(self, commands: list[float], target: Array, y: Array | None) -> _Judged:
         """Judge a repaired horizon at which the rows were just evaluated."""
+        y = np.zeros(len(self._rows.norm)) if y is None else y
         z = np.array(commands) / self._scale
         difference = z - target
         distance = 0.5 * float((self._diagonal * difference) @ difference)
@@ -361,9 +350,8 @@ class HorizonProjector:
         if 2 * self.horizon > _MAX_VERIFIED or not self._rows.is_usable():
             return judged
         z = np.array(judged.commands) / self._scale
-        return self._judge(
-            judged.commands, target, self._rows.multipliers(z, target, self._diagonal)
-        )
+        y = self._rows.multipliers(z, target, self._diagonal)
+        return self._judge(judged.commands, target, y)
 
     def _violations(self, actions: Array, previous: Array) -> tuple[float, ...]:
         """Return the largest excess of each of the caller's constraints in units of its rows."""
@@ -373,13 +361,6 @@ class HorizonProjector:
         excess = self._rows.excess(actions.ravel() / self._scale) * self._rows.norm
         spans = self._rows.spans[self._built_in :]
         return tuple(float(excess[span].max(initial=0.0)) for span in spans)
-
-
-def _build(
-    limits: ActuatorLimits, horizon: int, solver: str | SolverFactory, options: dict[str, Any]
-) -> HorizonProjector:
-    """Build a projector from what `__reduce__` tells."""
-    return HorizonProjector(limits, horizon, solver, **options)
 
 
 def _checked_weights(weights: ArrayLike) -> tuple[float, float]:

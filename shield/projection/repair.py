@@ -55,8 +55,8 @@ def repair(
     Args:
         limits: Limits of the vehicle.
         targets: Flat finite targets (δ0, v0, δ1, v1, ...), length 2 H.
-        steering: Steering executed before the first step [rad], finite.
-        speed: Speed executed before the first step [m/s], finite.
+        steering: Executed before the first step [rad], finite.
+        speed: Executed before the first step [m/s], finite.
         weights: Weights of steering and speed in the distance that the lateral step minimises.
             Default: distances in steps of the actuators.
 
@@ -127,11 +127,7 @@ def _into_interval(value: float, last: float, box: Command, steps: Command) -> t
 def _into_lateral(
     limits: ActuatorLimits, target: Command, last: Command, weights: tuple[float, float] | None
 ) -> tuple[Command, bool]:
-    """Move a point of the window that breaks the lateral bound into it, inside the window.
-
-    Returns:
-        The point and whether it keeps the bound.
-    """
+    """Move a point of the window into the lateral bound; return it and whether it keeps that."""
     certain = limits.certain_bound
     corner_delta, corner_v, _ = _into_window(limits, (0.0, 0.0), last)
     corner = (corner_delta, corner_v)
@@ -186,11 +182,7 @@ def lateral_boundary(
 ) -> Command:
     """Return a point of the lateral boundary close to (δ, v), by Newton steps along the gradient.
 
-    Args:
-        limits: Limits of the vehicle.
-        delta: Steering [rad], not zero.
-        v: Speed [m/s], not zero.
-        weights: Weights of the squared distance in steering and speed.
+    Neither δ nor v is zero; `weights` are those of the squared distance in both.
     """
     if limits.max_lateral_acceleration is None:
         return delta, v
@@ -214,10 +206,7 @@ def lateral_boundary(
 def is_admissible(
     limits: ActuatorLimits, commands: list[float], steering: float, speed: float
 ) -> bool:
-    """Tell whether a flat horizon keeps G1, G2 and G3 exactly, step by step from `previous`.
-
-    NaN and infinities are not admissible.
-    """
+    """Tell whether a flat horizon is finite and keeps G1, G2 and G3 exactly, step by step."""
     low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
     increase, decrease = limits.acceleration_step, limits.deceleration_step
     certain, side = limits.certain_bound, limits.max_steering
@@ -244,14 +233,7 @@ def is_admissible(
 def worst_excess(
     limits: ActuatorLimits, commands: list[float], steering: float, speed: float
 ) -> float:
-    """Return the largest violation as a fraction of the bound it breaks; 0 when all hold exactly.
-
-    Args:
-        limits: Limits of the vehicle.
-        commands: Flat horizon, length 2 H.
-        steering: Steering before the first step [rad].
-        speed: Speed before the first step [m/s].
-    """
+    """Return the largest violation of a flat horizon as a fraction of the bound it breaks, or 0."""
     if is_admissible(limits, commands, steering, speed):
         return 0.0
     span = limits.max_speed - limits.min_speed or 1.0

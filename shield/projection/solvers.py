@@ -19,32 +19,21 @@ from scipy import sparse
 from shield.errors import InvalidProblem
 from shield.limits.constraint import UNBOUNDED
 
-__all__ = [
-    "Answer",
-    "OsqpSolver",
-    "Program",
-    "QPSolver",
-    "QpsolversSolver",
-    "SolverFactory",
-    "make_solver",
-]
+__all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "make_solver"]
 
 Array = NDArray[np.float64]
 
+# Tolerances of OSQP before it polishes [-]. The coarse one identifies the active bounds of 99 % of
+# the random horizons of `shield.bench`, for which polishing then solves to rounding errors.
 COARSE, FINE = 1e-3, 1e-6
-"""Tolerances of OSQP before it polishes [-]. The coarse one identifies the active bounds of 99 % of
-the random horizons of `shield.bench`, for which polishing then solves to rounding errors."""
 _MAX_OPTIONS = 4000  # [-] several times what a horizon of eight steps takes
 
 # Names of the arguments by which solvers of qpsolvers take a time limit; the others have none, and
 # some work for seconds on a badly scaled problem, so their iterations are limited. ProxQP stops at
 # 1e-5 by itself, too early to be verified.
-_TIME_LIMITS = {
-    "clarabel": "time_limit",
-    "daqp": "time_limit",
-    "highs": "time_limit",
-    "scs": "time_limit_secs",
-}
+_TIME_LIMITS = {"scs": "time_limit_secs"} | dict.fromkeys(
+    ("clarabel", "daqp", "highs"), "time_limit"
+)
 _OPTIONS: dict[str, dict[str, float]] = {
     "piqp": {"max_iter": 100},
     "proxqp": {"max_iter": 100, "eps_abs": 1e-9},
@@ -52,33 +41,20 @@ _OPTIONS: dict[str, dict[str, float]] = {
 
 
 class Program(NamedTuple):
-    """What changes from call to call.
+    """What changes from call to call."""
 
-    Attributes:
-        q: Shape (n,).
-        lower: Shape (m,).
-        upper: Shape (m,), nowhere below `lower`.
-        entries: Entries of `A` in the order of its CSC pattern; None keeps the last ones.
-    """
-
-    q: Array
-    lower: Array
-    upper: Array
-    entries: Array | None = None
+    q: Array  # shape (n,)
+    lower: Array  # shape (m,)
+    upper: Array  # shape (m,), nowhere below `lower`
+    entries: Array | None = None  # of `A`, in the order of its CSC pattern; None: the last ones
 
 
 class Answer(NamedTuple):
-    """What a solver found.
+    """What a solver found."""
 
-    Attributes:
-        z: Solution, shape (n,); None if there is none.
-        y: Multipliers of the rows, positive at upper bounds, shape (m,); None if unknown.
-        reason: Why it stopped early or failed, or empty.
-    """
-
-    z: Array | None
-    y: Array | None
-    reason: str
+    z: Array | None  # solution, shape (n,); None if there is none
+    y: Array | None  # multipliers, positive at upper bounds, shape (m,); None if unknown
+    reason: str  # why it stopped early or failed, or empty
 
 
 class QPSolver(Protocol):
@@ -86,11 +62,9 @@ class QPSolver(Protocol):
 
     def solve(self, program: Program, *, fine: bool = False) -> Answer:
         """Solve a program; `fine` says that the usual tolerance was not enough."""
-        ...
 
     def reset(self) -> None:
         """Forget earlier problems."""
-        ...
 
 
 SolverFactory = Callable[[Array, sparse.csc_matrix, float], QPSolver]
@@ -125,10 +99,7 @@ def make_solver(
 class OsqpSolver:
     """OSQP with a workspace that lives as long as this object and starts warm; keeps time limits.
 
-    Args:
-        weights: Diagonal of `P`.
-        matrix: `A`.
-        time_limit: Longest time for one problem [s].
+    The arguments are those of `make_solver`.
     """
 
     def __init__(self, weights: Array, matrix: sparse.csc_matrix, time_limit: float) -> None:
@@ -144,14 +115,14 @@ class OsqpSolver:
             self._set_up()
 
     def _set_up(self) -> None:
-        count, size = self._matrix.shape
+        bound = np.ones(self._matrix.shape[0])
         self._workspace = osqp.OSQP()
         self._workspace.setup(
             sparse.diags(self._weights, format="csc"),
-            np.zeros(size),
+            np.zeros(self._matrix.shape[1]),
             self._matrix,
-            np.full(count, -1.0),
-            np.full(count, 1.0),
+            -bound,
+            bound,
             eps_abs=COARSE,
             eps_rel=COARSE,
             max_iter=_MAX_OPTIONS,
