@@ -24,15 +24,7 @@ _FREE = CommandBounds()
 class SafetyFilter:
     """Makes every command admissible and remembers what was executed.
 
-    Args:
-        limits: Limits of the vehicle.
-        solver: As in `HorizonProjector`.
-        weights: As in `HorizonProjector`.
-        tolerance: As in `HorizonProjector`.
-        deadline: As in `HorizonProjector` [s].
-
-    Raises:
-        InvalidProblem: As in `HorizonProjector`.
+    The arguments and what they raise are those of `HorizonProjector`.
     """
 
     def __init__(
@@ -49,7 +41,6 @@ class SafetyFilter:
             limits, 1, solver, weights=weights, tolerance=tolerance, deadline=deadline
         )
         self._fallback = FallbackPlan(limits)
-        self._previous = np.zeros(2)
         self.reset()
 
     @property
@@ -61,9 +52,8 @@ class SafetyFilter:
         """Forget the plan and earlier problems, and set the last executed command.
 
         Args:
-            command: The command that the actuators hold now [rad, m/s], shape (2,). None:
-                straight wheels and the speed nearest to standstill. Values that are not finite
-                count as that, too.
+            command: The command that the actuators hold now [rad, m/s], shape (2,). None, or a
+                value that is not finite: straight wheels, the speed nearest to standstill.
 
         Raises:
             InvalidProblem: The shape is not (2,).
@@ -117,10 +107,10 @@ class SafetyFilter:
             projection = self._project(nominal_action, bounds)
         else:
             projection = self._follow_fallback(nominal_action, bounds)
-        if horizon is not None:
-            self._fallback.remember(horizon)
-        else:
+        if horizon is None:
             self._fallback.advance()
+        else:
+            self._fallback.remember(horizon)
         self._execute(projection.actions[0].copy())
         nominal_action.flags.writeable = False
         return Certificate(

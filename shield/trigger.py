@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shield.arguments import as_array, check_positive, check_within, is_number
+from shield.arguments import as_array, check_numbers, check_positive, check_within
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.estimation.clearance import ClearanceEstimate
 from shield.estimation.lane import LaneEstimate, LaneGeometry
@@ -53,22 +53,12 @@ class TriggerConfig:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        times = {"stall_time": self.stall_time, "preview_time": self.preview_time}
-        check_positive(
-            InvalidLimits,
-            clearance=self.clearance,
-            lane_deviation=self.lane_deviation,
-            **{name: time for name, time in times.items() if time is not None},
-        )
-        check_within(
-            InvalidLimits,
-            0.0,
-            math.inf,
-            sigma_factor=self.sigma_factor,
-            clearance_hysteresis=self.clearance_hysteresis,
-            lane_hysteresis=self.lane_hysteresis,
-            hold_time=self.hold_time,
-        )
+        check_positive(InvalidLimits, clearance=self.clearance, lane_deviation=self.lane_deviation)
+        for name in ("stall_time", "preview_time"):
+            if getattr(self, name) is not None:
+                check_positive(InvalidLimits, **{name: getattr(self, name)})
+        for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
+            check_within(InvalidLimits, 0.0, math.inf, **{name: getattr(self, name)})
         if self.lane_hysteresis >= self.lane_deviation:
             raise InvalidLimits(
                 f"`lane_hysteresis` must be below `lane_deviation` = {self.lane_deviation!r}. "
@@ -130,9 +120,7 @@ class RiskTrigger:
         self.config = config
         self._centres: list[float] = centres.tolist()
         self._hold_steps = _periods(config.hold_time, dt)
-        self._stall_steps = math.inf
-        if config.stall_time is not None:
-            self._stall_steps = _periods(config.stall_time, dt)
+        self._stall_steps = _periods(config.stall_time, dt)
         self.reset()
 
     def reset(self) -> None:
@@ -153,14 +141,11 @@ class RiskTrigger:
         Raises:
             InvalidProblem: An argument is not of its type.
         """
-        for name, value, kind in (
-            ("clearance", clearance, ClearanceEstimate),
-            ("lane", lane, LaneEstimate),
-        ):
-            if not isinstance(value, kind):
-                raise InvalidProblem(f"`{name}` must be a {kind.__name__}. Got {value!r}.")
-        if speed is not None and not is_number(speed):
-            raise InvalidProblem(f"`speed` must be a number or None. Got {speed!r}.")
+        if not isinstance(clearance, ClearanceEstimate):
+            raise InvalidProblem(f"`clearance` must be a ClearanceEstimate. Got {clearance!r}.")
+        if not isinstance(lane, LaneEstimate):
+            raise InvalidProblem(f"`lane` must be a LaneEstimate. Got {lane!r}.")
+        check_numbers(speed=0.0 if speed is None else speed)
         slow = speed is not None and abs(speed) < STALL_SPEED
         self._slow_steps = self._slow_steps + 1 if slow else 0
         deviation = min(abs(lane.lateral_offset - centre) for centre in self._centres)
@@ -183,24 +168,18 @@ class RiskTrigger:
         speed: float | None,
     ) -> tuple[str, ...]:
         """Return what is risky now; comparisons are written so that NaN counts as risky."""
-        config = self.config
-        margin = config.clearance_hysteresis if self._risky else 0.0
-        slack = config.lane_hysteresis if self._risky else 0.0
-        reasons = []
-        if not (clearance.valid and clearance.age <= MAX_AGE):
-            reasons.append("lidar_lost")
-        free = clearance.clearance - config.sigma_factor * clearance.std
-        if not free >= config.clearance + margin:
-            reasons.append("clearance")
-        if not (lane.valid and lane.age <= MAX_AGE):
-            reasons.append("lane_lost")
-        if not deviation + config.sigma_factor * lane.offset_std <= config.lane_deviation - slack:
-            reasons.append("lane_deviation")
-        if not self._beyond(lane, speed) <= config.lane_deviation - slack:
-            reasons.append("leaving")
-        if self._slow_steps > self._stall_steps:
-            reasons.append("stalled")
-        return tuple(reasons)
+        config, margin = self.config, float(self._risky)
+        near = config.clearance + margin * config.clearance_hysteresis
+        far = config.lane_deviation - margin * config.lane_hysteresis
+        good = {
+            "lidar_lost": clearance.valid and clearance.age <= MAX_AGE,
+            "clearance": clearance.clearance - config.sigma_factor * clearance.std >= near,
+            "lane_lost": lane.valid and lane.age <= MAX_AGE,
+            "lane_deviation": deviation + config.sigma_factor * lane.offset_std <= far,
+            "leaving": self._beyond(lane, speed) <= far,
+            "stalled": self._slow_steps <= self._stall_steps,
+        }
+        return tuple(reason for reason, holds in good.items() if not holds)
 
     def _beyond(self, lane: LaneEstimate, speed: float | None) -> float:
         """Distance beyond the outermost lane centres that the preview time leads to [m]."""
@@ -214,6 +193,6 @@ class RiskTrigger:
         return max(min(self._centres) - ahead, ahead - max(self._centres))
 
 
-def _periods(time: float, dt: float) -> int:
+def _periods(time: float | None, dt: float) -> float:
     """Control periods in a time; rounded first: 0.5 / 0.1 is five, whatever the last bit."""
-    return math.ceil(round(time / dt, 6))
+    return math.inf if time is None else math.ceil(round(time / dt, 6))

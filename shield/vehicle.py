@@ -15,7 +15,7 @@ L (wheelbase)          distance between the axles [m]
 The lateral acceleration of the rear axle is :math:`v\dot\psi = v^2\tan\delta/L`.
 """
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import casadi
 import numpy as np
@@ -46,9 +46,7 @@ class VehicleGeometry:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        check_positive(
-            InvalidLimits, length=self.length, width=self.width, front_bumper=self.front_bumper
-        )
+        check_positive(InvalidLimits, **asdict(self))
         if self.front_bumper >= self.length:
             raise InvalidLimits(
                 f"`front_bumper` must be below `length` = {self.length!r}. "
@@ -78,10 +76,8 @@ class KinematicBicycle:
     """
 
     def __init__(self, wheelbase: float, dt: float) -> None:
-        """Build the symbolic functions once."""
         check_positive(InvalidLimits, wheelbase=wheelbase, dt=dt)
-        self.wheelbase = float(wheelbase)
-        self.dt = float(dt)
+        self.wheelbase, self.dt = float(wheelbase), float(dt)
         state, command = casadi.SX.sym("state", 3), casadi.SX.sym("command", 2)
         yaw, steering, speed = state[2], command[0], command[1]
         yaw_rate = speed * casadi.tan(steering) / self.wheelbase
@@ -100,14 +96,11 @@ class KinematicBicycle:
         return state + self.dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def rollout(self, state: ArrayLike, commands: ArrayLike) -> NDArray[np.float64]:
-        """Roll commands out from a state.
+        """Return the states (H, 3) after each command.
 
         Args:
             state: Initial (x, y, ψ) [m, m, rad], shape (3,).
             commands: Commands [rad, m/s], shape (H, 2).
-
-        Returns:
-            States after each command, shape (H, 3).
 
         Raises:
             InvalidProblem: A shape or a type does not fit.

@@ -81,7 +81,6 @@ class ClearanceTracker:
         """Forget everything; the estimate is invalid until the first scan."""
         self._scan_filter.reset()
         self._age = math.inf
-        self._jumps = 0
         self._restart(self._max_range)
 
     @np.errstate(all="ignore")
@@ -89,14 +88,9 @@ class ClearanceTracker:
         """Advance by one period.
 
         Args:
-            scan: Ranges [m], shape (n,), counter-clockwise from the right; infinite or beyond
-                `max_range` where nothing returns; NaN or not positive where a beam gave nothing.
-                None when there is no scan at all.
+            scan: Ranges [m], shape (n,), as in `ScanFilter.examine`; None when there is no scan.
             speed: Own speed [m/s], if known: a scan that repeats itself bit by bit while driving
                 comes from a dead sensor.
-
-        Returns:
-            The estimate after this period.
 
         Raises:
             InvalidProblem: `scan` is not one-dimensional or is empty.
@@ -107,12 +101,14 @@ class ClearanceTracker:
         self._age += self._dt
         if measured is None:
             kalman.update(None)
-        elif math.isinf(self._age):
-            self._restart(measured)
-            self._age = 0.0
         elif self._accept(measured):
             self._age = 0.0
-        self._clip()
+        # The clearance stays in the range of the sensor; at its end nothing approaches.
+        clearance, rate = kalman.x.tolist()
+        if clearance >= self._max_range:
+            kalman.x = np.array([self._max_range, min(rate, 0.0)])
+        elif clearance < 0.0:
+            kalman.x = np.array([0.0, rate])
         return ClearanceEstimate(
             clearance=float(kalman.x[0]),
             closing_speed=-float(kalman.x[1]),
@@ -123,6 +119,9 @@ class ClearanceTracker:
 
     def _accept(self, measured: float) -> bool:
         """Fuse a measurement, restart at it, or hold it back until confirmed."""
+        if math.isinf(self._age):
+            self._restart(measured)
+            return True
         kalman = self._filter
         innovation = measured - float(kalman.x[0])
         variance = float(kalman.P[0, 0]) + RANGE_STD**2
@@ -136,18 +135,10 @@ class ClearanceTracker:
                 kalman.update(None)
                 return False
         self._restart(measured)
-        self._jumps = 0
         return True
 
     def _restart(self, clearance: float) -> None:
         """Put the state at a clearance with an unknown rate."""
+        self._jumps = 0
         self._filter.x = np.array([clearance, 0.0])
         self._filter.P = np.diag([RANGE_STD**2, RELATIVE_SPEED_STD**2])
-
-    def _clip(self) -> None:
-        """Keep the clearance in the range of the sensor; at its end nothing approaches."""
-        x = self._filter.x
-        if x[0] >= self._max_range:
-            self._filter.x = np.array([self._max_range, min(float(x[1]), 0.0)])
-        elif x[0] < 0.0:
-            self._filter.x = np.array([0.0, float(x[1])])

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import as_array, check_positive, is_number
+from shield.arguments import as_array, check_numbers, check_positive
 from shield.errors import InvalidProblem
 
 __all__ = ["ClusterTracker", "Track"]
@@ -80,14 +80,8 @@ class ClusterTracker:
     _count: int = field(init=False)
 
     def __post_init__(self) -> None:
-        check_positive(
-            InvalidProblem,
-            dt=self.dt,
-            width=self.width,
-            separation=self.separation,
-            reach=self.reach,
-            memory=self.memory,
-        )
+        for name in ("dt", "width", "separation", "reach", "memory"):
+            check_positive(InvalidProblem, **{name: getattr(self, name)})
         self.reset()
 
     def reset(self) -> None:
@@ -97,32 +91,27 @@ class ClusterTracker:
         self._count = 0
 
     def update(self, points: Array, speed: float, yaw_rate: float) -> list[Track]:
-        """Take a scan.
+        """Take a scan, and return its narrow clusters.
 
         Args:
             points: Hits (n, 2) in the order of the beams, x ahead, y to the left [m].
             speed: Since the last scan [m/s].
             yaw_rate: Since the last scan [rad/s].
 
-        Returns:
-            The narrow clusters of this scan.
-
         Raises:
-            InvalidProblem: `points` is not of numbers or not (n, 2); `speed` or `yaw_rate` is not a
-                number.
+            InvalidProblem: An argument is not of numbers, or `points` not (n, 2).
         """
         points = as_array("points", points)
         if points.ndim != 2 or points.shape[1] != 2:
             raise InvalidProblem(f"`points` must have shape (n, 2). Got {points.shape}.")
-        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
-            if not is_number(value):
-                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
+        check_numbers(speed=speed, yaw_rate=yaw_rate)
         self._move(speed, yaw_rate)
         for history in self._histories:
             history.missed += 1
         tracks = [self._track(points, low, high) for low, high in self._clusters(points)]
-        limit = self.max_missed_scans
-        self._histories = [history for history in self._histories if history.missed <= limit]
+        self._histories = [
+            history for history in self._histories if history.missed <= self.max_missed_scans
+        ]
         return tracks
 
     def _move(self, speed: float, yaw_rate: float) -> None:
@@ -158,12 +147,9 @@ class ClusterTracker:
         return Track(history.number, position, velocity, len(history.positions), low, high - 1)
 
     def _match(self, position: tuple[float, float]) -> _History:
-        near = [
-            (distance, history)
-            for history in self._histories
-            if history.missed
-            and (distance := math.dist(history.positions[-1], position)) < self.reach
-        ]
+        free = [history for history in self._histories if history.missed]
+        pairs = [(math.dist(history.positions[-1], position), history) for history in free]
+        near = [pair for pair in pairs if pair[0] < self.reach]
         if near:
             return min(near, key=lambda pair: pair[0])[1]
         history = _History(self._count, deque(maxlen=self.memory))

@@ -1,16 +1,9 @@
 r"""Lane geometry, and the pose in the lane tracked from sighting to sighting.
 
 A filterpy Kalman filter gates measurements that do not fit, coasts through missing ones
-(`update(None)`, never NaN) and reports the age of the last accepted measurement.
-
-=======  =====================================================================
-symbol   meaning
-=======  =====================================================================
-x, P     state and its covariance
-F, Q     transition and process noise
-H, R     measurement matrix and noise
-y, S     innovation and its covariance
-=======  =====================================================================
+(`update(None)`, never NaN) and reports the age of the last accepted measurement. State and
+covariance are x, P; transition and process noise F, Q; measurement matrix and noise H, R; the
+innovation and its covariance y, S.
 """
 
 import math
@@ -20,7 +13,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from shield.arguments import as_array, check_positive, is_number
+from shield.arguments import as_array, check_numbers, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 
 __all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
@@ -148,27 +141,18 @@ class LaneTracker:
             yaw_rate: Own yaw rate ω [rad/s]; if not finite or beyond any vehicle, that of following
                 the lane.
 
-        Returns:
-            The estimate after this period.
-
         Raises:
             InvalidProblem: An argument is not of its type.
         """
-        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
-            if not is_number(value):
-                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
+        check_numbers(speed=speed, yaw_rate=yaw_rate)
         if measurement is not None and not isinstance(measurement, LaneMeasurement):
             raise InvalidProblem(f"`measurement` must be a LaneMeasurement. Got {measurement!r}.")
         self._predict(speed, yaw_rate)
         self._age += self._dt
         if self._fuse(measurement):
             self._age, self._rejected = 0.0, 0
-        x = self._filter.x
         return LaneEstimate(
-            lateral_offset=float(x[0]),
-            heading_error=float(x[1]),
-            curvature=float(x[2]),
-            curvature_rate=float(x[3]),
+            *self._filter.x.tolist(),
             offset_std=math.sqrt(float(self._filter.P[0, 0])),
             age=self._age,
             valid=self._age <= self._max_age,
@@ -180,10 +164,7 @@ class LaneTracker:
         self._speed = v = float(speed) if abs(speed) <= MAX_MOTION else self._speed
         known = abs(yaw_rate) <= MAX_MOTION
         omega = float(yaw_rate) if known else v * float(self._filter.x[2])
-        transition = np.eye(4)
-        transition[0, 1] = v * dt
-        transition[1, 2] = -v * dt
-        transition[2, 3] = v * dt
+        transition = np.eye(4) + v * dt * np.diag([1.0, -1.0, 1.0], 1)
         # Slip and yaw-rate error, heading noise, bends that change along the way.
         deviation = dt * np.array(
             [0.2 + 0.02 * abs(v), 0.05 if known else 0.5, 0.002 * abs(v), 0.001 * abs(v)]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array, check_positive, is_number
+from shield.arguments import as_array, check_numbers, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.vehicle import VehicleGeometry
 
@@ -53,20 +53,13 @@ class ScannerGeometry:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        if not isinstance(self.beams, (int, np.integer)) or isinstance(self.beams, bool):
-            raise InvalidLimits(f"`beams` must be an integer. Got {self.beams!r}.")
-        if self.beams < 2:
-            raise InvalidLimits(f"`beams` must be at least 2. Got {self.beams!r}.")
-        check_positive(
-            InvalidLimits,
-            field_of_view=self.field_of_view,
-            max_range=self.max_range,
-            mount=self.mount,
-        )
-        if self.field_of_view > 2.0 * math.pi:
-            raise InvalidLimits(
-                f"`field_of_view` must be at most 2 pi. Got {self.field_of_view!r}."
-            )
+        whole = isinstance(self.beams, (int, np.integer)) and not isinstance(self.beams, bool)
+        if not whole or self.beams < 2:
+            raise InvalidLimits(f"`beams` must be an integer of at least 2. Got {self.beams!r}.")
+        for name in ("field_of_view", "max_range", "mount"):
+            check_positive(InvalidLimits, **{name: getattr(self, name)})
+        if (view := self.field_of_view) > 2.0 * math.pi:
+            raise InvalidLimits(f"`field_of_view` must be at most 2 pi. Got {view!r}.")
 
     @property
     def angles(self) -> Array:
@@ -107,10 +100,7 @@ class ScanFilter:
     removed unless its neighbours are stuck with it: several beams that agree may be a car ahead at
     the own speed, and a possible obstacle is never removed. A scan with too few working beams, or
     one that repeats itself entirely while the car drives, is unusable; it stays so at standstill
-    until the readings change.
-
-    Args:
-        max_range: Largest range, reported where nothing returns [m].
+    until the readings change. `max_range` is what is reported where nothing returns [m].
     """
 
     def __init__(self, max_range: float) -> None:
@@ -125,17 +115,9 @@ class ScanFilter:
         self._frozen = 0
 
     def nearest(self, scan: ArrayLike, speed: float | None = None) -> float | None:
-        """Return the supported minimum.
+        """Return the supported minimum [m], at most `max_range`; None when the scan is unusable.
 
-        Args:
-            scan: Ranges [m], shape (n,).
-            speed: Own speed [m/s], if known.
-
-        Returns:
-            The range [m], at most `max_range`; None when the scan is unusable.
-
-        Raises:
-            InvalidProblem: As `examine`.
+        Arguments and errors are those of `examine`.
         """
         clean = self.examine(scan, speed)
         if not clean.usable:
@@ -149,20 +131,19 @@ class ScanFilter:
         """Return the scan without its defects, and which beams have them.
 
         Args:
-            scan: Ranges [m], shape (n,); infinite or beyond `max_range` where nothing returns, NaN
-                or not positive where a beam gave nothing.
+            scan: Ranges [m], shape (n,), counter-clockwise from the right; infinite or beyond
+                `max_range` where nothing returns, NaN or not positive where a beam gave nothing.
             speed: Own speed [m/s], if known.
 
         Raises:
-            InvalidProblem: `scan` is not of numbers, not one-dimensional or empty; `speed` is not a
-                number.
+            InvalidProblem: `scan` is not numbers of shape (n,), n > 0; `speed` is not a number.
         """
         ranges = as_array("scan", scan)
         if ranges.ndim != 1 or ranges.size == 0:
             raise InvalidProblem(f"`scan` must have shape (n,), n > 0. Got {ranges.shape}.")
-        if speed is not None and not is_number(speed):
-            raise InvalidProblem(f"`speed` must be a number or None. Got {speed!r}.")
-        driving = speed is not None and math.isfinite(speed) and abs(speed) > DRIVING
+        speed = 0.0 if speed is None else speed
+        check_numbers(speed=speed)
+        driving = math.isfinite(speed) and abs(speed) > DRIVING
         self._count_repetitions(ranges, driving)
         stuck = self._isolated(self._repeats >= STUCK_AFTER)
         working = (ranges > 0.0) & ~stuck

@@ -2,8 +2,7 @@
 
 import math
 import reprlib
-from dataclasses import dataclass, fields
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,15 +16,6 @@ __all__ = ["ActuatorLimits"]
 # Outside this range a physical quantity is a mistake of units; inside it no product of two or
 # three of them overflows or loses digits to underflow, which the exact checks rely on.
 _SMALLEST, _LARGEST = 1e-12, 1e12
-
-_POSITIVE = (
-    "dt",
-    "max_steering",
-    "max_steering_rate",
-    "max_acceleration",
-    "max_deceleration",
-    "wheelbase",
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +31,7 @@ class ActuatorLimits:
     * G3 (lateral): :math:`|v_t^2 \tan\delta_t / L| \le a_{lat,max}`.
 
     The products rate · dt are those of float64 arithmetic; no comparison errs on the side of a
-    violation. Speeds are
-    signed: acceleration bounds how fast `v` rises, deceleration how fast it falls.
+    violation. Speeds are signed: acceleration bounds how fast `v` rises, deceleration how it falls.
 
     Attributes:
         dt: Control period [s]. Default: 10 Hz, the rate of the whole project.
@@ -73,27 +62,21 @@ class ActuatorLimits:
 
     def __post_init__(self) -> None:
         """Refuse impossible values, naming the field and the value received."""
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "max_lateral_acceleration" and value is None:
+        for name in self.__slots__:
+            given = getattr(self, name)
+            if name == "max_lateral_acceleration" and given is None:
                 continue
-            object.__setattr__(self, field.name, _finite(field.name, value))
-        positive = list(_POSITIVE)
-        if self.max_lateral_acceleration is not None:
-            positive.append("max_lateral_acceleration")
-        for name in positive:
-            value = getattr(self, name)
-            if not _SMALLEST <= value <= _LARGEST:
-                raise InvalidLimits(
-                    f"`{name}` must lie in [{_SMALLEST:g}, {_LARGEST:g}]. Got {value!r}."
-                )
+            if not is_number(given):
+                raise InvalidLimits(f"`{name}` must be a real number. Got {reprlib.repr(given)}.")
+            value = as_float(given)
+            if not math.isfinite(value):
+                raise InvalidLimits(f"`{name}` must be finite. Got {reprlib.repr(given)}.")
+            low = -_LARGEST if name in ("min_speed", "max_speed") else _SMALLEST
+            if not low <= value <= _LARGEST:
+                raise InvalidLimits(f"`{name}` must lie in [{low:g}, {_LARGEST:g}]. Got {value!r}.")
+            object.__setattr__(self, name, value)
         if self.max_steering >= math.pi / 2:
             raise InvalidLimits(f"`max_steering` must be below π/2 rad. Got {self.max_steering!r}.")
-        for name in ("min_speed", "max_speed"):
-            if abs(getattr(self, name)) > _LARGEST:
-                raise InvalidLimits(
-                    f"`{name}` must be at most {_LARGEST:g} in size. Got {getattr(self, name)!r}."
-                )
         if self.min_speed > self.max_speed:
             raise InvalidLimits(
                 "`min_speed` must not exceed `max_speed`. "
@@ -153,14 +136,11 @@ class ActuatorLimits:
         return self.max_lateral_acceleration * self.wheelbase * (1.0 - BAND)
 
     def to_command(self, action: ArrayLike) -> NDArray[np.float64]:
-        """Map normalised actions to commands; -1 and 1 are the exact ends of the box.
+        """Map normalised actions to commands [rad, m/s]; -1 and 1 are the exact ends of the box.
 
         Args:
             action: Normalised (steering, speed), shape (..., 2). Values outside [-1, 1] map outside
                 the box on purpose: clipping is the shield's work, and it says so.
-
-        Returns:
-            Commands [rad, m/s], shape (..., 2), float64.
 
         Raises:
             InvalidProblem: The last axis is not of length 2.
@@ -173,13 +153,9 @@ class ActuatorLimits:
         return np.where(inside, np.clip(command, self.low, self.high), command)
 
     def to_action(self, command: ArrayLike) -> NDArray[np.float64]:
-        """Map commands to normalised actions, the inverse of `to_command` up to rounding.
+        """Map commands (..., 2) [rad, m/s] to normalised actions; 0 for a speed box of width 0.
 
-        Args:
-            command: Commands [rad, m/s], shape (..., 2).
-
-        Returns:
-            Normalised (steering, speed), shape (..., 2), float64; 0 for a speed box of width 0.
+        It is the inverse of `to_command` up to rounding.
 
         Raises:
             InvalidProblem: The last axis is not of length 2.
@@ -214,8 +190,8 @@ class ActuatorLimits:
         Raises:
             InvalidProblem: A shape is not (2,).
         """
-        steering, speed = _pair("command", command)
-        last_steering, last_speed = _pair("previous", previous)
+        steering, speed = as_array("command", command, (2,)).tolist()
+        last_steering, last_speed = as_array("previous", previous, (2,)).tolist()
         if not (abs(steering) <= self.max_steering and self.min_speed <= speed <= self.max_speed):
             return True
         if not (math.isfinite(last_steering) and math.isfinite(last_speed)):
@@ -227,21 +203,11 @@ class ActuatorLimits:
             or difference_exceeds(last_speed, speed, self.deceleration_step)
         ):
             return True
-        return speed * speed * abs(math.tan(steering)) > self.certain_bound
+        return bool(speed * speed * abs(math.tan(steering)) > self.certain_bound)
 
     def is_admissible(self, command: ArrayLike) -> bool:
         """Tell whether a command (2,) satisfies G1 and G3, whatever came before it."""
         return not self.violated(command, command)
-
-
-def _finite(name: str, value: Any) -> float:
-    """Return `value` as a float64, or refuse it."""
-    if not is_number(value):
-        raise InvalidLimits(f"`{name}` must be a real number. Got {reprlib.repr(value)}.")
-    number = as_float(value)
-    if not math.isfinite(number):
-        raise InvalidLimits(f"`{name}` must be finite. Got {reprlib.repr(value)}.")
-    return number
 
 
 def _frozen(values: list[float]) -> NDArray[np.float64]:
@@ -255,8 +221,3 @@ def _pairs(name: str, values: ArrayLike) -> NDArray[np.float64]:
     if array.ndim == 0 or array.shape[-1] != 2:
         raise InvalidProblem(f"`{name}` must have shape (..., 2). Got {array.shape}.")
     return array
-
-
-def _pair(name: str, values: ArrayLike) -> tuple[float, float]:
-    array = as_array(name, values, (2,))
-    return float(array[0]), float(array[1])

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import is_number
-from shield.errors import InvalidProblem
+from shield.arguments import check_numbers
 
 __all__ = ["CommandBounds"]
 
@@ -33,17 +32,10 @@ class CommandBounds:
 
     def __post_init__(self) -> None:
         """Check the types; any value will do."""
-        for name in ("right", "left", "max_speed"):
-            if not is_number(getattr(self, name)):
-                raise InvalidProblem(f"`{name}` must be a number. Got {getattr(self, name)!r}.")
+        check_numbers(right=self.right, left=self.left, max_speed=self.max_speed)
 
     def limit(self, command: NDArray[np.float64], min_speed: float) -> NDArray[np.float64]:
-        """Return the nearest command within the bounds, (2,) [rad, m/s]; a copy.
-
-        Args:
-            command: (2,) [rad, m/s].
-            min_speed: The speed is not bounded below this one [m/s].
-        """
+        """Return the nearest command (2,) within the bounds, its speed not below `min_speed`."""
         steering, speed = command.tolist()
         steering = max(min(steering, _known(self.left)), _known(self.right))
         return np.array([steering, min(speed, max(_known(self.max_speed), min_speed))])

@@ -50,7 +50,6 @@ class Constraint(Protocol):
             actions: Horizon at which to linearise [rad, m/s], shape (H, 2).
             previous: Last executed command [rad, m/s], shape (2,).
         """
-        ...
 
 
 class RowStack:
@@ -87,11 +86,7 @@ class RowStack:
         self._lay_out([one.rows(start, np.zeros(2)) for one in self._constraints])
 
     def evaluate(self, actions: Array, previous: Array) -> tuple[bool, bool]:
-        """Take over the rows at a horizon.
-
-        Args:
-            actions: Shape (H, 2) [rad, m/s].
-            previous: Last executed command, shape (2,) [rad, m/s].
+        """Take over the rows at a horizon (H, 2) from a command (2,) [rad, m/s].
 
         Returns:
             Whether an entry of the matrix changed, and whether its pattern did.
@@ -120,13 +115,11 @@ class RowStack:
 
     def times(self, z: Array) -> Array:
         """Return A z, shape (m,)."""
-        product = np.bincount(self.row, self.value * z[self.column], len(self.norm))
-        return np.asarray(product, dtype=np.float64)
+        return np.asarray(np.bincount(self.row, self.value * z[self.column], len(self.norm)))
 
     def transposed_times(self, y: Array) -> Array:
         """Return Aᵀ y, shape (2 H,)."""
-        product = np.bincount(self.column, self.value * y[self.row], len(self._unit))
-        return np.asarray(product, dtype=np.float64)
+        return np.asarray(np.bincount(self.column, self.value * y[self.row], len(self._unit)))
 
     def excess(self, z: Array) -> Array:
         """Return by how much a scaled horizon breaks each scaled row, shape (m,), 0 if it holds."""
@@ -141,14 +134,9 @@ class RowStack:
         r"""Return how far half the weighted squared distance from `z` to `goal` is from the least.
 
         With the residual :math:`r = W(z - g) + A^\top y` the gap is :math:`\tfrac12 r^\top W^{-1} r
-        + y_+^\top (u - Az) + y_-^\top (Az - l)`. It bounds the error of the objective for any `y`,
-        wherever they come from, as long as `z` satisfies the rows.
-
-        Args:
-            z: Scaled horizon, shape (2 H,).
-            goal: What it should be near to, scaled, shape (2 H,).
-            weights: Diagonal of W, shape (2 H,).
-            y: Multipliers of the scaled rows, positive at upper bounds, shape (m,).
+        + y_+^\top (u - Az) + y_-^\top (Az - l)`. It bounds the error of the objective for any
+        multipliers `y` (m,), positive at upper bounds, as long as `z` satisfies the rows. Horizon,
+        goal and the diagonal `weights` of W are scaled and of shape (2 H,).
         """
         bound = np.where(y > 0.0, self.upper, self.lower)
         bounded = np.abs(bound) < _LARGE
@@ -159,12 +147,9 @@ class RowStack:
         return 0.5 * float(residual @ (residual / weights)) + float(slack)
 
     def multipliers(self, z: Array, goal: Array, weights: Array) -> Array:
-        """Return the multipliers of active rows, shape (m,), that leave the least residual at `z`.
+        """Return the multipliers (m,) of active rows that leave the least residual at `z`.
 
-        Args:
-            z: Scaled horizon, shape (2 H,).
-            goal: What it should be near to, scaled, shape (2 H,).
-            weights: Diagonal of W, shape (2 H,).
+        The arguments are those of `duality_gap`.
         """
         value, root = self.times(z), np.sqrt(weights)
         near = _ACTIVE * (1.0 + np.abs(value))
@@ -191,11 +176,9 @@ class RowStack:
 
     def _has_pattern(self, index: int, part: Rows) -> bool:
         """Tell whether a constraint's entries are where its last ones were."""
-        seen: Any = self._seen[index]
-        matrix: Any = part.matrix
+        seen, matrix, mask = self._seen[index], part.matrix, self._masks[index]
         if seen.shape != matrix.shape or sparse.issparse(seen) != sparse.issparse(matrix):
             return False
-        mask = self._masks[index]
         if mask is not None:
             return not np.any(matrix[~mask])
         pairs = (seen.indices, matrix.indices), (seen.indptr, matrix.indptr)
@@ -215,10 +198,9 @@ class RowStack:
         order = np.lexsort((row, column))
         self.row, self.column = row[order], column[order]
         self.starts = np.searchsorted(self.column, np.arange(2 * self._horizon + 1))
-        place = np.argsort(order)
         cuts = np.cumsum([len(r) for r, _ in blocks])[:-1]
-        self._places = np.split(place, cuts)
-        self._seen = [part.matrix for part in parts]
+        self._places = np.split(np.argsort(order), cuts)
+        self._seen: list[Any] = [part.matrix for part in parts]
         self._raw = np.empty(len(row))
         for part, mask, where in zip(parts, self._masks, self._places, strict=True):
             self._raw[where] = _entries(part.matrix, mask)

@@ -1,6 +1,6 @@
 """What a shield hands back: the command, and how far it can be trusted."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from enum import StrEnum
 from typing import Any
 
@@ -42,14 +42,14 @@ class _Result:
 
     def _key(self) -> tuple[object, ...]:
         """Return all that counts; arrays by their bytes, so that NaN equals itself."""
-        values = [getattr(self, part.name) for part in fields(self) if part.name != "solve_time"]  # type: ignore[arg-type]
-        arrays = [
-            (value.dtype.str, value.shape, value.tobytes())
-            if isinstance(value, np.ndarray)
-            else value
-            for value in values
-        ]
-        return type(self), *arrays
+        key: list[object] = [type(self)]
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if isinstance(value, np.ndarray):
+                key += [value.dtype.str, value.shape, value.tobytes()]
+            elif name != "solve_time":
+                key.append(value)
+        return tuple(key)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,9 +31,8 @@ _MAX_OPTIONS = 4000  # [-] several times what a horizon of eight steps takes
 # Names of the arguments by which solvers of qpsolvers take a time limit; the others have none, and
 # some work for seconds on a badly scaled problem, so their iterations are limited. ProxQP stops at
 # 1e-5 by itself, too early to be verified.
-_TIME_LIMITS = {"scs": "time_limit_secs"} | dict.fromkeys(
-    ("clarabel", "daqp", "highs"), "time_limit"
-)
+_TIME_LIMITS = dict.fromkeys(("clarabel", "daqp", "highs"), "time_limit")
+_TIME_LIMITS["scs"] = "time_limit_secs"
 _OPTIONS: dict[str, dict[str, float]] = {
     "piqp": {"max_iter": 100},
     "proxqp": {"max_iter": 100, "eps_abs": 1e-9},
@@ -166,13 +165,7 @@ class QpsolversSolver:
 
     It runs in the calling thread, with Python's lock held. "clarabel", "daqp", "highs" and "scs"
     are given the time limit and keep it, "piqp" and "proxqp" a limit of iterations. The others know
-    no limit: for a deadline take OSQP.
-
-    Args:
-        name: One of `qpsolvers.available_solvers`.
-        weights: Diagonal of `P`.
-        matrix: `A`.
-        time_limit: Longest time for one problem [s].
+    no limit: for a deadline take OSQP. The arguments are those of `make_solver`.
     """
 
     def __init__(

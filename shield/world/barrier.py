@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, check_positive, is_number
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.arguments import as_array, check_numbers, check_positive
+from shield.errors import InvalidLimits
 from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
@@ -54,13 +54,8 @@ class BarrierConfig:
 
     def __post_init__(self) -> None:
         """Check every field."""
-        check_positive(
-            InvalidLimits,
-            braking=self.braking,
-            delay=self.delay,
-            standoff=self.standoff,
-            standstill_time=self.standstill_time,
-        )
+        for name in ("braking", "delay", "standoff", "standstill_time"):
+            check_positive(InvalidLimits, **{name: getattr(self, name)})
         if self.overtaking not in ("left", "right"):
             raise InvalidLimits(f"`overtaking` must be left or right. Got {self.overtaking!r}.")
 
@@ -75,9 +70,6 @@ class ObstacleBarrier:
         limits: Limits of the vehicle.
         scanner: Where the scanner is and where its beams point.
         vehicle: Outline of the car.
-
-    Attributes:
-        surroundings: What is around the car.
     """
 
     def __init__(
@@ -87,14 +79,10 @@ class ObstacleBarrier:
         scanner: ScannerGeometry = DEFAULT_SCANNER,
         vehicle: VehicleGeometry = DEFAULT_VEHICLE,
     ) -> None:
-        self._config = config
-        self._limits = limits
+        self._config, self._limits = config, limits
+        braking = min(config.braking, limits.max_deceleration)
         self._stopping = StoppingBarrier(
-            vehicle,
-            limits.wheelbase,
-            braking=min(config.braking, limits.max_deceleration),
-            delay=config.delay,
-            standoff=config.standoff,
+            vehicle, limits.wheelbase, braking, config.delay, config.standoff
         )
         self._flanks = FlankBarrier(vehicle, limits.wheelbase)
         self.surroundings = Surroundings(limits.dt, scanner, HORIZON)
@@ -120,8 +108,7 @@ class ObstacleBarrier:
             InvalidProblem: `command` is not two numbers, or `previous` is not a number.
         """
         steering, nominal_speed = as_array("command", command, (2,)).tolist()
-        if not is_number(previous):
-            raise InvalidProblem(f"`previous` must be a number. Got {previous!r}.")
+        check_numbers(previous=previous)
         previous = float(previous) if math.isfinite(previous) else 0.0
         steering = previous if math.isnan(steering) else steering
         right, left = self._flanks.steering(self.surroundings)
@@ -151,10 +138,8 @@ class ObstacleBarrier:
         lock = self._limits.max_steering
         candidates = np.linspace(max(right, -lock), min(left, lock), CANDIDATES)
         side = 1.0 if self._config.overtaking == "left" else -1.0
-        for candidate in sorted(
-            candidates.tolist(),
-            key=lambda angle: abs(angle - steering) + WRONG_SIDE_PENALTY * (side * angle < 0.0),
-        ):
+        farness = np.abs(candidates - steering) + WRONG_SIDE_PENALTY * (side * candidates < 0.0)
+        for candidate in candidates[np.argsort(farness, kind="stable")].tolist():
             if self._stopping.max_speed(self.surroundings, candidate) >= ESCAPE_SPEED:
                 return float(candidate)
         return None

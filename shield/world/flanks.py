@@ -26,12 +26,7 @@ FLANK_REACH = 1.3  # [m] beside the body up to which an obstacle bounds the stee
 
 
 class FlankBarrier:
-    """Bounds the steering by what is beside the car.
-
-    Args:
-        vehicle: Outline of the car.
-        wheelbase: Distance between the axles [m].
-    """
+    """Bounds the steering by what is beside the car."""
 
     def __init__(self, vehicle: VehicleGeometry, wheelbase: float) -> None:
         self._half_width = 0.5 * vehicle.width + FLANK_MARGIN
@@ -42,9 +37,6 @@ class FlankBarrier:
         """Sharpest admissible steering to the right (at most 0) and to the left (at least 0) [rad].
 
         Infinite on a side where nothing is.
-
-        Args:
-            around: What is around the car.
         """
         ahead, aside = around.beside[:, 0] + around.scanner.mount, around.beside[:, 1]
         return -self._sharpest(ahead, -aside), self._sharpest(ahead, aside)

@@ -1,7 +1,7 @@
 r"""The speed from which the car still stops in front of what is in its way.
 
-Bounds on commands say nothing of the world. This barrier does: with a free path of g metres, a
-reaction time τ and a braking deceleration b, the car stops in time from
+Bounds on commands say nothing of the world. This barrier does: with a free path of g metres
+(`free`), a reaction time τ (`delay`) and a deceleration b (`braking`), the car stops in time from
 
 .. math:: v\,τ + \frac{v^2}{2b} \le g \iff v \le -bτ + \sqrt{(bτ)^2 + 2bg},
 
@@ -9,14 +9,6 @@ the braking distance of every driving school and of responsibility-sensitive saf
 (arXiv 1708.06374, Definition 1 with a standing obstacle). The path is the arc of the steering that
 is about to be executed. Obstacle points on it end it, and so does unknown space; a pedestrian
 limits it at the first point they reach before the car has passed it.
-
-=========  =============================================================
-variable   symbol
-=========  =============================================================
-`free`     g
-`delay`    τ
-`braking`  b
-=========  =============================================================
 
 It is a barrier on the best knowledge of one scanner, not a proof: what the scanner cannot see
 is not in it, and cars count as standing where they are.
@@ -48,21 +40,12 @@ MIN_PASSING_SPEED = 3.0  # [m/s] a slower car counts as passing a pedestrian at 
 
 
 class StoppingBarrier:
-    """Bounds the speed by the free path ahead.
-
-    Args:
-        vehicle: Outline of the car.
-        wheelbase: Distance between the axles [m].
-        braking: Deceleration that the barrier counts on [m/s²].
-        delay: Time until the brakes hold [s].
-        standoff: Distance from the scanner to obstacle points at which the car stands [m].
-    """
+    """Bounds the speed by the free path ahead; the numbers are those of `BarrierConfig`."""
 
     def __init__(
         self,
         vehicle: VehicleGeometry,
         wheelbase: float,
-        *,
         braking: float,
         delay: float,
         standoff: float,
@@ -78,12 +61,10 @@ class StoppingBarrier:
         """Return the speed from which the car stops in time on the arc of a steering angle [m/s].
 
         Infinite on a free path.
-
-        Args:
-            around: What is around the car.
-            steering: Angle that is about to be executed [rad].
         """
-        arc = _Arc.of(math.tan(steering) / self._wheelbase, around.scanner.mount)
+        curvature = math.tan(steering) / self._wheelbase
+        bend = math.copysign(max(abs(curvature), MIN_CURVATURE), curvature)
+        arc = _Arc(1.0 / bend, around.scanner.mount)
         points = self._swept(arc, around.points)
         free = min(
             # One point alone may be rain, so the second counts.
@@ -121,11 +102,6 @@ class _Arc:
 
     radius: float
     mount: float
-
-    @classmethod
-    def of(cls, curvature: float, mount: float) -> "_Arc":
-        bend = math.copysign(max(abs(curvature), MIN_CURVATURE), curvature)
-        return cls(1.0 / bend, mount)
 
     @property
     def _sensor(self) -> tuple[float, float]:

@@ -17,10 +17,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array, is_number
-from shield.errors import InvalidProblem
+from shield.arguments import as_array, check_numbers
 from shield.estimation.clusters import ClusterTracker, Track
-from shield.estimation.scan import CleanScan, ScanFilter, ScannerGeometry
+from shield.estimation.scan import ScanFilter, ScannerGeometry
 
 __all__ = ["Surroundings"]
 
@@ -109,20 +108,15 @@ class Surroundings:
         """Take a scan.
 
         Args:
-            scan: Ranges of the scanner's beams [m], shape (n,), counter-clockwise from the right.
-                Infinite or at least the maximum range where nothing returned; NaN or not positive
-                where a beam gave nothing.
+            scan: Ranges of the scanner's beams [m], shape (n,), as in `ScanFilter.examine`.
             speed: Own speed since the last scan [m/s]; the last known one if not finite.
             yaw_rate: Own yaw rate since the last scan [rad/s]; 0 if not finite.
 
         Raises:
-            InvalidProblem: `scan` is not of numbers or not of the scanner's shape; `speed` or
-                `yaw_rate` is not a number.
+            InvalidProblem: An argument is not of numbers, or `scan` not of the scanner's shape.
         """
         ranges = as_array("scan", scan, (self.scanner.beams,))
-        for name, value in (("speed", speed), ("yaw_rate", yaw_rate)):
-            if not is_number(value):
-                raise InvalidProblem(f"`{name}` must be a number. Got {value!r}.")
+        check_numbers(speed=speed, yaw_rate=yaw_rate)
         self.speed = float(speed) if math.isfinite(speed) else self.speed
         yaw_rate = float(yaw_rate) if math.isfinite(yaw_rate) else 0.0
         motion = _Motion(self.speed, yaw_rate * self._dt, self.scanner.mount, self._dt)
@@ -130,22 +124,16 @@ class Surroundings:
         unseen = np.full(ranges.shape, clean.frozen) | ~_nearby(clean.working)
         points, pace = self._carry(motion)
         tracks = [motion.carry_track(track) for track in self.pedestrians]
-        whole = self._is_repeated(clean) or self._is_blank(clean, points)
-        doubtful = unseen | whole | ~_nearby(~clean.repeated)
-        self._take(clean, yaw_rate)
+        hits = self.scanner.returned(clean.ranges)
+        # All that returns repeats the last scan although the car drove, or nothing returns although
+        # something in view should.
+        repeated = bool(hits.any() and clean.repeated[hits].all())
+        blank = not hits.any() and (self._beam_of(points) >= 0).sum() >= MIN_RETURNS
+        doubtful = unseen | repeated | blank | ~_nearby(~clean.repeated)
+        hit = (clean.ranges < self._reach) & (not repeated)
+        self._take(clean.ranges[hit, None] * self._rays[hit], yaw_rate)
         self._keep(points, pace, tracks, doubtful)
         self._shrink(unseen)
-
-    def _is_repeated(self, clean: CleanScan) -> bool:
-        """Whether all that returns repeats the last scan, although the car drove."""
-        hits = self.scanner.returned(clean.ranges)
-        return bool(hits.any() and clean.repeated[hits].all())
-
-    def _is_blank(self, clean: CleanScan, points: Array) -> bool:
-        """Whether nothing returns although something in view should."""
-        if self.scanner.returned(clean.ranges).any():
-            return False
-        return int((self._beam_of(points) >= 0).sum()) >= MIN_RETURNS
 
     def _beam_of(self, points: Array) -> NDArray[np.int64]:
         """Nearest beam of points (n, 2); -1 out of view."""
@@ -166,10 +154,9 @@ class Surroundings:
         approach = np.minimum(self._pace, 0.0)
         return motion.carry(self.points, _along(approach)), approach
 
-    def _take(self, clean: CleanScan, yaw_rate: float) -> None:
+    def _take(self, points: Array, yaw_rate: float) -> None:
         """Replace points and pedestrians by those of a scan."""
-        hit = (clean.ranges < self._reach) & (not self._is_repeated(clean))
-        self.points = clean.ranges[hit, None] * self._rays[hit]
+        self.points = points
         tracks = self._tracker.update(self.points, self.speed, yaw_rate)
         tracks = [track for track in tracks if track.sightings >= MIN_SIGHTINGS]
         self._pace = np.zeros(len(self.points))
