@@ -9,15 +9,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from shield.errors import InvalidProblem
 
-__all__ = [
-    "as_array",
-    "as_float",
-    "as_horizon",
-    "check_numbers",
-    "check_positive",
-    "check_within",
-    "is_number",
-]
+__all__ = ["as_array", "as_float", "as_horizon", "check_numbers", "check_positive", "check_within"]
 
 Array = NDArray[np.float64]
 
@@ -45,7 +37,7 @@ def as_horizon(name: str, values: ArrayLike) -> Array:
     return array
 
 
-def is_number(value: object) -> TypeGuard[float]:
+def _is_number(value: object) -> TypeGuard[float]:
     """Tell whether `value` is one real number, of Python or of numpy; truth values are not."""
     return isinstance(value, (int, float, np.integer, np.floating)) and not isinstance(value, bool)
 
@@ -63,14 +55,14 @@ def as_float(value: object) -> float:
 def check_numbers(**values: Any) -> None:
     """Refuse arguments, by name, that are not one real number each; any value will do."""
     for name, value in values.items():
-        if not is_number(value):
+        if not _is_number(value):
             raise InvalidProblem(f"`{name}` must be a number. Got {reprlib.repr(value)}.")
 
 
 def check_positive(error: type[Exception], **values: Any) -> None:
     """Refuse arguments, by name, that are not positive, finite numbers; raise `error`."""
     for name, value in values.items():
-        if not is_number(value) or not 0.0 < as_float(value) < math.inf:
+        if not _is_number(value) or not 0.0 < as_float(value) < math.inf:
             raise error(f"`{name}` must be positive and finite. Got {reprlib.repr(value)}.")
 
 
@@ -80,7 +72,7 @@ def check_within(error: type[Exception], low: float, high: float, **values: Any)
     Either bound may be infinite.
     """
     for name, value in values.items():
-        if is_number(value) and math.isfinite(as_float(value)) and low <= as_float(value) <= high:
+        if _is_number(value) and math.isfinite(as_float(value)) and low <= as_float(value) <= high:
             continue
         rule = f"lie in [{low:g}, {high:g}]"
         if high == math.inf:

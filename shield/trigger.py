@@ -60,10 +60,7 @@ class TriggerConfig:
         for name in ("sigma_factor", "clearance_hysteresis", "lane_hysteresis", "hold_time"):
             check_within(InvalidLimits, 0.0, math.inf, **{name: getattr(self, name)})
         if self.lane_hysteresis >= self.lane_deviation:
-            raise InvalidLimits(
-                f"`lane_hysteresis` must be below `lane_deviation` = {self.lane_deviation!r}. "
-                f"Got {self.lane_hysteresis!r}."
-            )
+            raise InvalidLimits(f"`lane_hysteresis` must be below `lane_deviation`. Got {self!r}.")
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,8 +95,7 @@ class RiskTrigger:
         lane_centres: Admissible lane centres, measured left of the home lane's [m].
 
     Raises:
-        InvalidLimits: `dt` is not positive and finite, `config` is something else, or
-            `lane_centres` is empty or not finite.
+        InvalidLimits: `dt`, `config` or a lane centre makes no sense, or there is no lane centre.
         InvalidProblem: `lane_centres` does not hold numbers.
     """
 
@@ -114,9 +110,7 @@ class RiskTrigger:
             raise InvalidLimits(f"`config` must be a TriggerConfig. Got {config!r}.")
         centres = as_array("lane_centres", lane_centres)
         if centres.ndim != 1 or not centres.size or not np.isfinite(centres).all():
-            raise InvalidLimits(
-                f"`lane_centres` must be finite and not empty. Got {lane_centres!r}."
-            )
+            raise InvalidLimits(f"`lane_centres` must be finite numbers. Got {lane_centres!r}.")
         self.config = config
         self._centres: list[float] = centres.tolist()
         self._hold_steps = _periods(config.hold_time, dt)
@@ -183,13 +177,13 @@ class RiskTrigger:
 
     def _beyond(self, lane: LaneEstimate, speed: float | None) -> float:
         """Distance beyond the outermost lane centres that the preview time leads to [m]."""
-        config = self.config
-        if config.preview_time is None or speed is None or not math.isfinite(speed):
+        preview_time = self.config.preview_time
+        if preview_time is None or speed is None or not math.isfinite(speed):
             return -math.inf
         if not math.isfinite(lane.heading_error):
             return math.inf
         sideways = abs(speed) * math.sin(lane.heading_error)
-        ahead = lane.lateral_offset + config.preview_time * sideways
+        ahead = lane.lateral_offset + preview_time * sideways
         return max(min(self._centres) - ahead, ahead - max(self._centres))
 
 

@@ -1,14 +1,8 @@
 r"""The car's outline, and the kinematic bicycle, written once in CasADi.
 
-====================  ==========================================
-symbol                 meaning
-====================  ==========================================
-x, y                   position of the rear axle [m], x forward
-ψ (yaw)                heading [rad], positive to the left
-δ (steering)           angle of the front wheel [rad], left positive
-v (speed)              speed of the rear axle [m/s]
-L (wheelbase)          distance between the axles [m]
-====================  ==========================================
+Position of the rear axle x (forward), y [m]; heading ψ (`yaw`) [rad], positive to the left; angle
+of the front wheel δ (`steering`) [rad], left positive; speed of the rear axle v [m/s]; distance
+between the axles L (`wheelbase`) [m].
 
 .. math:: \dot x = v\cos\psi,\quad \dot y = v\sin\psi,\quad \dot\psi = v\tan\delta / L
 
@@ -48,10 +42,7 @@ class VehicleGeometry:
         """Check every field."""
         check_positive(InvalidLimits, **asdict(self))
         if self.front_bumper >= self.length:
-            raise InvalidLimits(
-                f"`front_bumper` must be below `length` = {self.length!r}. "
-                f"Got {self.front_bumper!r}."
-            )
+            raise InvalidLimits(f"`front_bumper` must be below `length`. Got {self!r}.")
 
     @property
     def rear_overhang(self) -> float:
@@ -83,17 +74,15 @@ class KinematicBicycle:
         yaw_rate = speed * casadi.tan(steering) / self.wheelbase
         derivative = casadi.vertcat(speed * casadi.cos(yaw), speed * casadi.sin(yaw), yaw_rate)
         self.dynamics = casadi.Function("dynamics", [state, command], [derivative])
-        self.step = casadi.Function("step", [state, command], [self._rk4(state, command)])
-        lateral = speed * yaw_rate
-        self.lateral_acceleration = casadi.Function("lateral_acceleration", [command], [lateral])
-
-    def _rk4(self, state: casadi.SX, command: casadi.SX) -> casadi.SX:
-        """Return one classical Runge-Kutta step; exact in ψ, fourth order in x and y."""
+        # One classical Runge-Kutta step; exact in ψ, fourth order in x and y.
         k1 = self.dynamics(state, command)
         k2 = self.dynamics(state + 0.5 * self.dt * k1, command)
         k3 = self.dynamics(state + 0.5 * self.dt * k2, command)
         k4 = self.dynamics(state + self.dt * k3, command)
-        return state + self.dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        after = state + self.dt / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
+        self.step = casadi.Function("step", [state, command], [after])
+        lateral = [speed * yaw_rate]
+        self.lateral_acceleration = casadi.Function("lateral_acceleration", [command], lateral)
 
     def rollout(self, state: ArrayLike, commands: ArrayLike) -> NDArray[np.float64]:
         """Return the states (H, 3) after each command.

@@ -106,7 +106,6 @@ def _take_turns(runs: Mapping[str, Run], problems: int) -> dict[str, Array]:
 
 
 def _violations(projector: HorizonProjector, nominals: Array, previous: Array) -> int:
-    """Count the commands that break a limit by any amount."""
     broken = 0
     for nominal, last in zip(nominals, previous, strict=True):
         actions = projector.project(nominal, last).actions
@@ -130,7 +129,7 @@ def _programs(limits: ActuatorLimits, nominals: Array, previous: Array) -> _Prog
 
 
 def _bare_osqp(programs: _Programs, tolerance: float) -> Run:
-    """Return OSQP's own update and solve, with a warm start, for each problem."""
+    """Return OSQP's own update and solve, with a warm start."""
     matrix, goals, lower, upper = programs
     workspace = osqp.OSQP()
     workspace.setup(

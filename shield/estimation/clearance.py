@@ -2,7 +2,6 @@ r"""Free distance to the nearest obstacle in view, tracked from scan to scan.
 
 A filterpy Kalman filter gates measurements that do not fit, coasts through missing ones
 (`update(None)`, never NaN) and reports the age of the last accepted measurement.
-The letters x, P, F, Q, H, R, y, S are those of `lane`.
 """
 
 import math

@@ -76,11 +76,8 @@ class LaneEstimate:
     """Tracked pose in the lane.
 
     Attributes:
-        lateral_offset: Position left of the home lane's centre [m].
-        heading_error: Yaw relative to the lane [rad].
-        curvature: Curvature of the lane here [1/m], positive to the left.
-        curvature_rate: Its derivative along the lane [1/m²].
-        offset_std: Standard deviation of `lateral_offset` [m].
+        lateral_offset, heading_error, curvature, curvature_rate, offset_std: As in
+            `LaneMeasurement`.
         age: Time since the last accepted sighting [s]; infinite before the first.
         valid: True while `age` is within the tracker's `max_age`.
     """
@@ -205,8 +202,5 @@ def _usable_rows(measurement: LaneMeasurement) -> tuple[Array, NDArray[np.bool_]
     values = as_array("measurement", astuple(measurement))
     z, noise = values[:4], np.concatenate([values[4:], CURVATURE_STD])
     present = np.isfinite(z)
-    if not present[:2].all() or not (np.isfinite(noise) & (noise > 0.0)).all():
-        return None
-    if np.abs(z[present]).max() > MAX_SIZE or noise.max() > MAX_SIZE:
-        return None
-    return z, present, noise
+    usable = present[:2].all() and ((noise > 0.0) & (noise <= MAX_SIZE)).all()
+    return (z, present, noise) if usable and np.abs(z[present]).max() <= MAX_SIZE else None

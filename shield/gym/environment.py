@@ -46,7 +46,7 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
             number or an array of the space's shape. Default: none.
         dt: Without `limits` only: control period that `rate` refers to [s]. Default: 1, per step.
         low: Without `limits` only: lower bounds. Default: those of the space.
-        high: Without `limits` only: upper bounds. Default: those of the space.
+        high: The same, upper bounds.
         rest: Action, with `limits` the command [rad, m/s], that counts as executed at `reset`.
             Default: the one nearest to zero.
 
@@ -54,15 +54,6 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
         InvalidProblem: The action space is not a `Box` of floating point numbers, or with `limits`
             not one of two, or an argument would have no effect.
         InvalidLimits: No action satisfies the bounds, or there is nothing to hold.
-
-    Example:
-        >>> import gymnasium
-        >>> from shield.gym import ShieldedEnv
-        >>> env = ShieldedEnv(gymnasium.make("Pendulum-v1"), rate=20.0, dt=0.05)
-        >>> _, info = env.reset(seed=0)
-        >>> info = env.step([2.0])[-1]
-        >>> info["certificate"].safe_action.tolist()
-        [1.0]
     """
 
     def __new__(cls, env: Any = None, *args: Any, **kwargs: Any) -> Any:
@@ -106,15 +97,8 @@ class ShieldedVectorEnv(VectorWrapper):
     """`ShieldedEnv` for a vectorised environment: each sub-environment has its own shield.
 
     `info["certificate"]` is an array of certificates, with the mask `info["_certificate"]`; it is
-    None where a step only reset its sub-environment.
-
-    Args:
-        env: Vectorised environment.
-        *arguments: As in `ShieldedEnv`.
-        **options: As in `ShieldedEnv`.
-
-    Raises:
-        InvalidProblem, InvalidLimits: As in `ShieldedEnv`.
+    None where a step only reset its sub-environment. Arguments and errors are those of
+    `ShieldedEnv`.
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], *arguments: Any, **options: Any) -> None:

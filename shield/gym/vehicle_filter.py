@@ -60,7 +60,14 @@ class VehicleFilter:
         if normalised and not ((bottom == -1.0).all() and (top == 1.0).all()):
             raise InvalidProblem(f"a normalised space must be [-1, 1]. Got {low!r} to {high!r}.")
         self._normalised = normalised
-        self.limits = limits if normalised else _within(limits, bottom, top)
+        self.limits = limits
+        if not normalised:
+            side = min(limits.max_steering, float(-bottom[0]), float(top[0]))
+            slowest = max(limits.min_speed, float(bottom[1]))
+            fastest = min(limits.max_speed, float(top[1]))
+            if side <= 0.0 or slowest > fastest:
+                raise InvalidLimits(f"no command lies both in {bottom} to {top} and in {limits}.")
+            self.limits = replace(limits, max_steering=side, min_speed=slowest, max_speed=fastest)
         self._filter = SafetyFilter(self._tightened())
         start = np.clip(np.zeros(2), self.limits.low, self.limits.high)
         self._rest = start if rest is None else as_array("rest", rest, (2,)).copy()
@@ -154,13 +161,3 @@ class VehicleFilter:
         exact = self.limits.to_action(command) if self._normalised else command
         with np.errstate(over="ignore"):
             return exact.astype(self._dtype)
-
-
-def _within(limits: ActuatorLimits, low: Array, high: Array) -> ActuatorLimits:
-    """Return the limits cut down to an action space in physical units."""
-    side = min(limits.max_steering, float(-low[0]), float(high[0]))
-    slowest = max(limits.min_speed, float(low[1]))
-    fastest = min(limits.max_speed, float(high[1]))
-    if side <= 0.0 or slowest > fastest:
-        raise InvalidLimits(f"no command lies in both the space {low} to {high} and {limits}.")
-    return replace(limits, max_steering=side, min_speed=slowest, max_speed=fastest)

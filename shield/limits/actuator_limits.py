@@ -1,13 +1,12 @@
 """What the actuators of a car-like vehicle can follow: box, rates and lateral acceleration."""
 
 import math
-import reprlib
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array, as_float, is_number
+from shield.arguments import as_array, as_float, check_within
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits.rounding import BAND, difference_exceeds
 
@@ -63,18 +62,12 @@ class ActuatorLimits:
     def __post_init__(self) -> None:
         """Refuse impossible values, naming the field and the value received."""
         for name in self.__slots__:
-            given = getattr(self, name)
-            if name == "max_lateral_acceleration" and given is None:
+            value = getattr(self, name)
+            if name == "max_lateral_acceleration" and value is None:
                 continue
-            if not is_number(given):
-                raise InvalidLimits(f"`{name}` must be a real number. Got {reprlib.repr(given)}.")
-            value = as_float(given)
-            if not math.isfinite(value):
-                raise InvalidLimits(f"`{name}` must be finite. Got {reprlib.repr(given)}.")
             low = -_LARGEST if name in ("min_speed", "max_speed") else _SMALLEST
-            if not low <= value <= _LARGEST:
-                raise InvalidLimits(f"`{name}` must lie in [{low:g}, {_LARGEST:g}]. Got {value!r}.")
-            object.__setattr__(self, name, value)
+            check_within(InvalidLimits, low, _LARGEST, **{name: value})
+            object.__setattr__(self, name, as_float(value))
         if self.max_steering >= math.pi / 2:
             raise InvalidLimits(f"`max_steering` must be below π/2 rad. Got {self.max_steering!r}.")
         if self.min_speed > self.max_speed:

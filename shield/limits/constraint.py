@@ -55,21 +55,13 @@ class Constraint(Protocol):
 class RowStack:
     """The rows of several constraints, one under the other, for a solver with a fixed pattern.
 
-    Rows are scaled: the variables to steps of the actuators, each row to entries that sum up to
-    one. The arrays are overwritten by the next `evaluate`.
-
-    Args:
-        constraints: What to stack, at least one.
-        horizon: Number of steps H.
-        unit: What counts as a step of steering and speed [rad, m/s], shape (2,).
+    Rows are scaled: the variables to `unit`, a step of the actuators (2,) [rad, m/s], each row to
+    entries that sum up to one. The arrays are overwritten by the next `evaluate`.
 
     Attributes:
-        row: Row of each entry in the order of CSC, shape (n,).
-        column: Column of each entry, shape (n,).
+        row, column, value: Of each entry, scaled, in the order of CSC, shape (n,).
         starts: Index pointer of the CSC pattern, shape (2 H + 1,).
-        value: Scaled entries, shape (n,).
-        lower: Scaled lower bounds, shape (m,).
-        upper: Scaled upper bounds, shape (m,).
+        lower, upper: Scaled bounds, shape (m,).
         norm: Unscaled rows are `norm` times the scaled ones, shape (m,).
         spans: Rows of each constraint.
     """
@@ -165,7 +157,6 @@ class RowStack:
         return y
 
     def _check(self, constraint: Constraint, part: Rows) -> None:
-        """Refuse rows that do not fit together or not the horizon."""
         shapes = part.matrix.shape, part.lower.shape, part.upper.shape
         count = shapes[0][0]
         if shapes != ((count, 2 * self._horizon), (count,), (count,)):
@@ -210,7 +201,6 @@ class RowStack:
         self.lower, self.upper = self._low / self.norm, self._high / self.norm
 
     def _scale(self) -> None:
-        """Scale the entries and remember by how much."""
         scaled = self._raw * self._unit[self.column]
         norm = np.bincount(self.row, np.abs(scaled), len(self._low))
         norm[norm == 0.0] = 1.0

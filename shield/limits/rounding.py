@@ -17,7 +17,6 @@ References:
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 __all__ = [
     "BAND",
@@ -60,24 +59,6 @@ def difference_exceeds(a: float, b: float, step: float) -> bool:
     return (a - (difference - virtual)) - (b + virtual) > 0.0
 
 
-def sums_below(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return `sum_below` elementwise; infinite where the sum is."""
-    total = a + b
-    with np.errstate(invalid="ignore"):
-        virtual = total - a
-        error = (a - (total - virtual)) + (b - virtual)
-    return np.where(error < 0.0, np.nextafter(total, -np.inf), total)
-
-
-def differences_exceed(
-    a: NDArray[np.float64], b: NDArray[np.float64], step: NDArray[np.float64]
-) -> NDArray[np.bool_]:
-    """Return `difference_exceeds` elementwise."""
-    difference = a - b
-    ties = difference == step
-    result = np.asarray(difference > step)
-    if ties.any():
-        virtual = difference - a
-        error = (a - (difference - virtual)) - (b + virtual)
-        result = result | (ties & (error > 0.0))
-    return result
+# Elementwise; a sum is infinite where it overflows.
+sums_below = np.vectorize(sum_below, otypes=[np.float64])
+differences_exceed = np.vectorize(difference_exceeds, otypes=[np.bool_])

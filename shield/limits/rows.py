@@ -63,10 +63,6 @@ class LateralLimit:
     A CasADi call with numpy arguments costs some ten microseconds of conversions; through its
     buffer interface, which reads and writes arrays of ours, it costs about one.
 
-    Args:
-        limits: Limits of the vehicle.
-        horizon: Number of steps H.
-
     Raises:
         InvalidLimits: The limits have no lateral acceleration bound.
     """

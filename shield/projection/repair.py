@@ -29,18 +29,15 @@ _NEWTON_STEPS = 4
 
 
 class Repaired(NamedTuple):
-    """Outcome of `repair`.
+    """Outcome of `repair`: flat commands (δ0, v0, δ1, v1, ...), length 2 H.
 
-    Attributes:
-        commands: Flat commands (δ0, v0, δ1, v1, ...), length 2 H.
-        complete: False when some step could not keep every bound because its predecessor, and so
-            `previous`, was inadmissible; that step is then the full-rate approach.
-        lateral_active: True when some step had to move for the lateral bound.
+    It is not complete when some step could not keep every bound because its predecessor, and so
+    `previous`, was inadmissible; that step is then the full-rate approach.
     """
 
     commands: list[float]
     complete: bool
-    lateral_active: bool
+    lateral_active: bool  # whether some step had to move for the lateral bound
 
 
 def repair(
@@ -54,14 +51,12 @@ def repair(
 
     Args:
         limits: Limits of the vehicle.
-        targets: Flat finite targets (δ0, v0, δ1, v1, ...), length 2 H.
+        targets: Flat finite targets (δ0, v0, δ1, v1, ...), length 2 H; admissible ones come back
+            bit by bit.
         steering: Executed before the first step [rad], finite.
         speed: Executed before the first step [m/s], finite.
         weights: Weights of steering and speed in the distance that the lateral step minimises.
             Default: distances in steps of the actuators.
-
-    Returns:
-        The repaired horizon. Targets that are admissible come back bit by bit.
     """
     low, high, step = limits.min_speed, limits.max_speed, limits.steering_step
     increase, decrease = limits.acceleration_step, limits.deceleration_step

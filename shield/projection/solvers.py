@@ -106,10 +106,7 @@ class OsqpSolver:
         self._set_up()
 
     def reset(self) -> None:
-        """Forget earlier problems: they no longer change an answer, not even in its last bit.
-
-        What is set up anew is set up here, so that the next problem does not wait for it.
-        """
+        """Forget earlier problems, here rather than in the next step, which must not wait."""
         if not self._is_cold:
             self._set_up()
 
@@ -176,10 +173,9 @@ class QpsolversSolver:
         if name in _TIME_LIMITS:
             self._options[_TIME_LIMITS[name]] = time_limit
         self._matrix = matrix.copy()
-        self._hessian: Any = np.diag(weights)
-        self._is_sparse = name in qpsolvers.sparse_solvers and name not in qpsolvers.dense_solvers
-        if self._is_sparse:
-            self._hessian = sparse.csc_matrix(self._hessian)
+        is_dense = name in qpsolvers.dense_solvers or name not in qpsolvers.sparse_solvers
+        self._pack: Callable[[Array], Any] = np.asarray if is_dense else sparse.csc_matrix
+        self._hessian = self._pack(np.diag(weights))
 
     def reset(self) -> None:
         """Every problem starts cold: there is nothing to forget."""
@@ -191,9 +187,7 @@ class QpsolversSolver:
         rows, lower, upper = self._matrix.toarray(), program.lower, program.upper
         # What is divided by a small number is still no bound.
         above, below = upper < 1e-6 * UNBOUNDED, lower > -1e-6 * UNBOUNDED
-        inequality: Any = np.vstack([rows[above], -rows[below]])
-        if self._is_sparse:
-            inequality = sparse.csc_matrix(inequality)
+        inequality = self._pack(np.vstack([rows[above], -rows[below]]))
         bound = np.concatenate([upper[above], -lower[below]])
         try:
             problem = qpsolvers.Problem(self._hessian, program.q, inequality, bound)
