@@ -12,6 +12,7 @@ from shield.errors import InvalidProblem
 __all__ = ["as_array", "as_float", "as_horizon", "check_numbers", "check_positive", "check_within"]
 
 Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def as_array(name: str, values: ArrayLike, shape: tuple[int, ...] | None = None) -> Array:

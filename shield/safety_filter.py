@@ -4,9 +4,9 @@ import time
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, as_horizon
+from shield.arguments import Array, as_array, as_horizon
 from shield.errors import InvalidProblem
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
@@ -44,7 +44,7 @@ class SafetyFilter:
         self.reset()
 
     @property
-    def previous(self) -> NDArray[np.float64]:
+    def previous(self) -> Array:
         """The last executed command [rad, m/s], shape (2,), read-only."""
         return self._previous
 
@@ -65,10 +65,7 @@ class SafetyFilter:
         self._execute(np.where(np.isfinite(values), values, rest))
 
     def record(self, command: ArrayLike) -> None:
-        """Correct what was executed, for actuators that round what they are given.
-
-        Args:
-            command: The command that the actuators really took [rad, m/s], shape (2,), finite.
+        """Correct what was executed (2,) [rad, m/s], for actuators that round what they are given.
 
         Raises:
             InvalidProblem: The shape is not (2,), or a value is not finite.
@@ -124,7 +121,7 @@ class SafetyFilter:
             intervened=projection.status is not Status.NOMINAL,
         )
 
-    def _project(self, nominal_action: NDArray[np.float64], bounds: CommandBounds) -> Projection:
+    def _project(self, nominal_action: Array, bounds: CommandBounds) -> Projection:
         """Return the admissible command nearest to the nominal one within the bounds."""
         bounded = bounds.limit(nominal_action, self.limits.min_speed)
         projection = self._projector.project(bounded[None, :], self._previous)
@@ -140,9 +137,7 @@ class SafetyFilter:
             reason=projection.reason or f"bounded to {steering:.3f} rad, {speed:.2f} m/s",
         )
 
-    def _follow_fallback(
-        self, nominal_action: NDArray[np.float64], bounds: CommandBounds
-    ) -> Projection:
+    def _follow_fallback(self, nominal_action: Array, bounds: CommandBounds) -> Projection:
         """Return the first command of the fallback, within the bounds, as a projection."""
         steering, speed = self._previous.tolist()
         commands, what = self._fallback.horizon(steering, speed, 1)
@@ -156,6 +151,6 @@ class SafetyFilter:
             f"nominal {nominal_action.tolist()} is not finite: {what}",
         )
 
-    def _execute(self, command: NDArray[np.float64]) -> None:
+    def _execute(self, command: Array) -> None:
         command.flags.writeable = False
         self._previous = command

@@ -13,9 +13,9 @@ from dataclasses import asdict, dataclass
 
 import casadi
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, as_horizon, check_positive
+from shield.arguments import Array, as_array, as_horizon, check_positive
 from shield.errors import InvalidLimits
 
 __all__ = ["KinematicBicycle", "VehicleGeometry"]
@@ -84,7 +84,7 @@ class KinematicBicycle:
         lateral = [speed * yaw_rate]
         self.lateral_acceleration = casadi.Function("lateral_acceleration", [command], lateral)
 
-    def rollout(self, state: ArrayLike, commands: ArrayLike) -> NDArray[np.float64]:
+    def rollout(self, state: ArrayLike, commands: ArrayLike) -> Array:
         """Return the states (H, 3) after each command.
 
         Args:

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from shield.arguments import Array
 from shield.estimation.clearance import ClearanceTracker
 from shield.estimation.scan import DEFAULT_SCANNER
 
 __all__ = ["ScanFaults", "simulate_drive", "tracking_against_raw"]
 
-Array = NDArray[np.float64]
 
 DT = 0.1  # [s] period of the scans
 STEPS = 200  # [-] scans of a drive

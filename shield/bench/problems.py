@@ -1,13 +1,11 @@
 """Random problems: nominal horizons (count, H, 2) and previous commands (count, 2)."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shield.arguments import Array
 from shield.limits.actuator_limits import ActuatorLimits
 
 __all__ = ["bending_problems", "random_problems"]
-
-Array = NDArray[np.float64]
 
 
 def random_problems(

@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import casadi
 import numpy as np
 import osqp
-from numpy.typing import NDArray
 from scipy import sparse
 
+from shield.arguments import Array
 from shield.bench.problems import bending_problems, random_problems
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.rows import BoxLimit, RateLimit
@@ -18,7 +18,6 @@ from shield.projection.projector import HorizonProjector
 
 __all__ = ["single_against_bare"]
 
-Array = NDArray[np.float64]
 Run = Callable[[int], Any]
 
 # Tolerances of bare OSQP [-]. The first is the one to compare at: its answers then break a bound by

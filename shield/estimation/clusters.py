@@ -11,14 +11,11 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shield.arguments import as_array, check_numbers, check_positive
+from shield.arguments import Array, as_array, check_numbers, check_positive
 from shield.errors import InvalidProblem
 
 __all__ = ["ClusterTracker", "Track"]
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

@@ -13,12 +13,11 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from shield.arguments import as_array, check_numbers, check_positive
+from shield.arguments import Array, as_array, check_numbers, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 
 __all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
 
-Array = NDArray[np.float64]
 
 GATE = 13.82  # 99.9 % quantile of chi² with 2 degrees of freedom
 MAX_REJECTED = 5  # sightings rejected in a row after which the filter, not the sensor, is lost

@@ -13,16 +13,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, check_numbers, check_positive
+from shield.arguments import Array, Mask, as_array, check_numbers, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.vehicle import VehicleGeometry
 
 __all__ = ["DEFAULT_SCANNER", "CleanScan", "ScanFilter", "ScannerGeometry"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 WINDOW, SUPPORT = 5, 3  # w and k: at 10 m five beams of one degree span a pedestrian
 STUCK_AFTER = 5  # repetitions of a beam, or of a whole scan: half a second at 10 Hz

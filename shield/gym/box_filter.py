@@ -12,14 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import as_array, check_positive
+from shield.arguments import Array, as_array, check_positive
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits.rounding import differences_exceed, sums_below
 from shield.projection.certificate import Certificate, Status
 
 __all__ = ["BoxFilter", "as_action", "as_floating", "certify"]
-
-Array = NDArray[np.float64]
 
 
 class BoxFilter:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array
+from shield.arguments import Array, as_array
 from shield.errors import InvalidLimits, InvalidProblem, MissingDependency
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
@@ -22,9 +22,6 @@ except ImportError as error:
     raise MissingDependency("shield.gym needs gymnasium: pip install gymnasium") from error
 
 __all__ = ["ShieldedEnv", "ShieldedVectorEnv"]
-
-
-Array = NDArray[np.float64]
 
 
 class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
@@ -113,11 +110,14 @@ class ShieldedVectorEnv(VectorWrapper):
     ) -> tuple[Any, dict[str, Any]]:
         """Reset the environments, those in ``options["reset_mask"]`` if it is given."""
         mask = (options or {}).get("reset_mask", np.ones(self.num_envs, dtype=bool))
+        self._reset(mask)
+        self._ended = self._ended & ~np.asarray(mask, dtype=bool)
+        return self.env.reset(seed=seed, options=options)
+
+    def _reset(self, mask: Any) -> None:
         for shield, chosen in zip(self._shields, mask, strict=True):
             if chosen:
                 shield.reset()
-        self._ended = self._ended & ~np.asarray(mask, dtype=bool)
-        return self.env.reset(seed=seed, options=options)
 
     def step(
         self, actions: ArrayLike
@@ -129,23 +129,16 @@ class ShieldedVectorEnv(VectorWrapper):
                 f"`actions` must have shape ({self.num_envs}, ...). Got {nominal.shape}."
             )
         ignored = self._ended & (self._mode == AutoresetMode.NEXT_STEP)
-        certificates = np.full(self.num_envs, None, dtype=object)
-        executed = np.empty(nominal.shape, dtype=self.single_action_space.dtype)
-        for index, shield in enumerate(self._shields):
-            if ignored[index]:
-                shield.reset()
-            certificate = shield.filter(nominal[index])
-            executed[index] = certificate.safe_action
-            if ignored[index]:
-                shield.reset()
-            else:
-                certificates[index] = certificate
+        self._reset(ignored)
+        certificates = np.empty(self.num_envs, dtype=object)
+        certificates[:] = [shield.filter(nominal[i]) for i, shield in enumerate(self._shields)]
+        executed = np.array([certificate.safe_action for certificate in certificates])
+        self._reset(ignored)
+        certificates[ignored] = None
         observations, rewards, terminated, truncated, info = self.env.step(executed)
         self._ended = np.asarray(terminated | truncated, dtype=bool)
         if self._mode == AutoresetMode.SAME_STEP:
-            for shield, ended in zip(self._shields, self._ended, strict=True):
-                if ended:
-                    shield.reset()
+            self._reset(self._ended)
         info = {**info, "certificate": certificates, "_certificate": ~ignored}
         return observations, rewards, terminated, truncated, info
 

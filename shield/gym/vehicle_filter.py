@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import as_array
+from shield.arguments import Array, as_array
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.gym.box_filter import as_action, as_floating, certify
 from shield.limits.actuator_limits import ActuatorLimits
@@ -23,8 +23,6 @@ from shield.projection.repair import worst_excess
 from shield.safety_filter import SafetyFilter
 
 __all__ = ["VehicleFilter"]
-
-Array = NDArray[np.float64]
 
 
 class VehicleFilter:

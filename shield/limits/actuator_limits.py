@@ -4,9 +4,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, as_float, check_within
+from shield.arguments import Array, as_array, as_float, check_within
 from shield.errors import InvalidLimits, InvalidProblem
 from shield.limits.rounding import BAND, difference_exceeds
 
@@ -92,27 +92,27 @@ class ActuatorLimits:
         return self.max_deceleration * self.dt
 
     @property
-    def low(self) -> NDArray[np.float64]:
+    def low(self) -> Array:
         """Lower corner of the box ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([-self.max_steering, self.min_speed])
 
     @property
-    def high(self) -> NDArray[np.float64]:
+    def high(self) -> Array:
         """Upper corner of the box ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([self.max_steering, self.max_speed])
 
     @property
-    def max_increase(self) -> NDArray[np.float64]:
+    def max_increase(self) -> Array:
         """Largest increase in one period ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([self.steering_step, self.acceleration_step])
 
     @property
-    def max_decrease(self) -> NDArray[np.float64]:
+    def max_decrease(self) -> Array:
         """Largest decrease in one period ([rad], [m/s]), shape (2,), read-only."""
         return _frozen([self.steering_step, self.deceleration_step])
 
     @property
-    def step(self) -> NDArray[np.float64]:
+    def step(self) -> Array:
         """Largest change in one period in either direction ([rad], [m/s]), shape (2,)."""
         return _frozen([self.steering_step, max(self.acceleration_step, self.deceleration_step)])
 
@@ -128,7 +128,7 @@ class ActuatorLimits:
             return math.inf
         return self.max_lateral_acceleration * self.wheelbase * (1.0 - BAND)
 
-    def to_command(self, action: ArrayLike) -> NDArray[np.float64]:
+    def to_command(self, action: ArrayLike) -> Array:
         """Map normalised actions to commands [rad, m/s]; -1 and 1 are the exact ends of the box.
 
         Args:
@@ -145,7 +145,7 @@ class ActuatorLimits:
         inside = np.abs(values) <= 1.0
         return np.where(inside, np.clip(command, self.low, self.high), command)
 
-    def to_action(self, command: ArrayLike) -> NDArray[np.float64]:
+    def to_action(self, command: ArrayLike) -> Array:
         """Map commands (..., 2) [rad, m/s] to normalised actions; 0 for a speed box of width 0.
 
         It is the inverse of `to_command` up to rounding.
@@ -162,7 +162,7 @@ class ActuatorLimits:
         inside = (low <= values) & (values <= high)
         return np.where(inside, np.clip(action, -1.0, 1.0), action)
 
-    def lateral_acceleration(self, command: ArrayLike) -> NDArray[np.float64]:
+    def lateral_acceleration(self, command: ArrayLike) -> Array:
         """Return the signed v² tan δ / L [m/s²] of commands of shape (..., 2), shape (...)."""
         values = _pairs("command", command)
         steering, speed = values[..., 0], values[..., 1]
@@ -203,13 +203,13 @@ class ActuatorLimits:
         return not self.violated(command, command)
 
 
-def _frozen(values: list[float]) -> NDArray[np.float64]:
+def _frozen(values: list[float]) -> Array:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
 
 
-def _pairs(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _pairs(name: str, values: ArrayLike) -> Array:
     array = as_array(name, values)
     if array.ndim == 0 or array.shape[-1] != 2:
         raise InvalidProblem(f"`{name}` must have shape (..., 2). Got {array.shape}.")

@@ -4,9 +4,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from shield.arguments import check_numbers
+from shield.arguments import Array, check_numbers
 
 __all__ = ["CommandBounds"]
 
@@ -34,7 +33,7 @@ class CommandBounds:
         """Check the types; any value will do."""
         check_numbers(right=self.right, left=self.left, max_speed=self.max_speed)
 
-    def limit(self, command: NDArray[np.float64], min_speed: float) -> NDArray[np.float64]:
+    def limit(self, command: Array, min_speed: float) -> Array:
         """Return the nearest command (2,) within the bounds, its speed not below `min_speed`."""
         steering, speed = command.tolist()
         steering = max(min(steering, _known(self.left)), _known(self.right))

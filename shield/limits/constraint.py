@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import nnls
 
+from shield.arguments import Array
 from shield.errors import InvalidProblem
 
 __all__ = ["UNBOUNDED", "Constraint", "RowStack", "Rows"]
 
-Array = NDArray[np.float64]
 
 UNBOUNDED = 1e30  # [-] the infinity of OSQP: a bound that is none
 _ACTIVE = 1e-12  # [-] slack of an active row, relative: rounding errors of a repaired command

@@ -9,17 +9,15 @@ from typing import Any
 
 import casadi
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from shield.arguments import Array
 from shield.errors import InvalidLimits
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import UNBOUNDED, Rows
 from shield.vehicle import KinematicBicycle
 
 __all__ = ["BoxLimit", "LateralLimit", "RateLimit"]
-
-Array = NDArray[np.float64]
 
 
 class BoxLimit:

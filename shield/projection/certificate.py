@@ -7,6 +7,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from shield.arguments import Array
+
 __all__ = ["Certificate", "Projection", "Status"]
 
 
@@ -69,9 +71,9 @@ class Projection(_Result):
             units of its rows, in the order given to the projector; 0 if it holds.
     """
 
-    actions: NDArray[np.float64]
+    actions: Array
     status: Status
-    correction: NDArray[np.float64]
+    correction: Array
     max_violation: float
     solve_time: float
     reason: str
@@ -86,11 +88,8 @@ class Certificate(_Result):
         nominal_action: Command asked for [rad, m/s], shape (2,), read-only. In `shield.gym` an
             action in the units and the shape of the space.
         safe_action: Command, or action, to execute, same shape, read-only.
-        status: How it came about.
-        reason: What happened, empty when nothing did.
+        status, reason, max_violation, solve_time: As in `Projection`, for the executed command.
         correction: ``safe_action - nominal_action``, same shape, read-only.
-        max_violation: As in `Projection`, for the executed command.
-        solve_time: Wall time of the call [s].
         intervened: True when `safe_action` differs from `nominal_action`.
     """
 
@@ -98,7 +97,7 @@ class Certificate(_Result):
     safe_action: NDArray[Any]
     status: Status
     reason: str
-    correction: NDArray[np.float64]
+    correction: Array
     max_violation: float
     solve_time: float
     intervened: bool

@@ -5,8 +5,8 @@ command it always has an answer, without a solver and in time O(H).
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shield.arguments import Array
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.projection.repair import repair
 
@@ -34,7 +34,7 @@ class FallbackPlan:
         """Forget the plan."""
         self._rest = []
 
-    def remember(self, commands: NDArray[np.float64]) -> None:
+    def remember(self, commands: Array) -> None:
         """Keep a plan whose first command is being executed now.
 
         Args:

@@ -8,10 +8,10 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import sparse
 
-from shield.arguments import as_array, check_positive
+from shield.arguments import Array, as_array, check_positive
 from shield.errors import InvalidProblem
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import Constraint, RowStack
@@ -23,13 +23,12 @@ from shield.projection.solvers import Answer, Program, QPSolver, SolverFactory, 
 
 __all__ = ["HorizonProjector"]
 
-Array = NDArray[np.float64]
 
 _MAX_PROGRAMS = 12  # [-] linearisations of one call; four are enough for 99 % of bending problems
 _FAR = 1e7  # [steps] targets further away pull no harder: the digits of float64 end there
 _LARGEST_SCALE = 100.0  # [steps] unit of the solver: the distance to the target, up to this
 _SOFT = 1e3  # [-] weight of breaking a row of the caller's, where not all rows can be kept
-_MAX_VERIFIED = 64  # [-] variables up to which multipliers are computed without the solver's
+_MAX_VERIFIED = 64  # [-] variables up to which we compute multipliers, in their third power of time
 _INADMISSIBLE = (
     "the previous command is inadmissible: the box holds, the rest is approached at full rate"
 )
@@ -343,10 +342,7 @@ class HorizonProjector:
         return float(np.maximum(excess - self.tolerance, 0.0).max(initial=0.0))
 
     def _verify(self, judged: _Judged, target: Array) -> _Judged:
-        """Judge a horizon at which the rows were just evaluated by multipliers of its active rows.
-
-        For short horizons only: it takes the third power of their length.
-        """
+        """Judge a horizon as `_judge` does, if it is short, by multipliers of its active rows."""
         if 2 * self.horizon > _MAX_VERIFIED or not self._rows.is_usable():
             return judged
         z = np.array(judged.commands) / self._scale

@@ -12,16 +12,15 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import osqp
 import qpsolvers
-from numpy.typing import NDArray
 from qpsolvers.exceptions import QPError
 from scipy import sparse
 
+from shield.arguments import Array
 from shield.errors import InvalidProblem
 from shield.limits.constraint import UNBOUNDED
 
 __all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "make_solver"]
 
-Array = NDArray[np.float64]
 
 # Tolerances of OSQP before it polishes [-]. The coarse one identifies the active bounds of 99 % of
 # the random horizons of `shield.bench`, for which polishing then solves to rounding errors.

@@ -12,14 +12,13 @@ Straight on is always allowed.
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shield.arguments import Array
 from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings
 
 __all__ = ["FLANK_MARGIN", "FlankBarrier"]
 
-Array = NDArray[np.float64]
 
 FLANK_MARGIN = 0.25  # [m] between the body and what it passes
 FLANK_REACH = 1.3  # [m] beside the body up to which an obstacle bounds the steering

@@ -18,15 +18,14 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from shield.arguments import Array
 from shield.estimation.clusters import Track
 from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings
 
 __all__ = ["HORIZON", "StoppingBarrier"]
 
-Array = NDArray[np.float64]
 
 HORIZON = 30.0  # [m] length of path that is looked at: twice the braking distance from 12 m/s
 STEP = 0.5  # [m] between two points of the path that pedestrians are tested against

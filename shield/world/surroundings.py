@@ -17,14 +17,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import as_array, check_numbers
+from shield.arguments import Array, Mask, as_array, check_numbers
 from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.scan import ScanFilter, ScannerGeometry
 
 __all__ = ["Surroundings"]
 
-Array = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 MAX_PEDESTRIAN_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 PEDESTRIAN_SPEED = 0.5, 2.5  # [m/s] slowest and fastest
