@@ -147,12 +147,9 @@ class LaneTracker:
         self._age += self._dt
         if self._fuse(measurement):
             self._age, self._rejected = 0.0, 0
-        return LaneEstimate(
-            *self._filter.x.tolist(),
-            offset_std=math.sqrt(float(self._filter.P[0, 0])),
-            age=self._age,
-            valid=self._age <= self._max_age,
-        )
+        offset, heading, curvature, rate = self._filter.x.tolist()
+        std, valid = math.sqrt(float(self._filter.P[0, 0])), self._age <= self._max_age
+        return LaneEstimate(offset, heading, curvature, rate, std, self._age, valid)
 
     def _predict(self, speed: float, yaw_rate: float) -> None:
         """Move the state with the car."""

@@ -167,7 +167,8 @@ class RowStack:
 
     def _has_pattern(self, index: int, part: Rows) -> bool:
         """Tell whether a constraint's entries are where its last ones were."""
-        seen, matrix, mask = self._seen[index], part.matrix, self._masks[index]
+        seen, mask = self._seen[index], self._masks[index]
+        matrix: Any = part.matrix
         if seen.shape != matrix.shape or sparse.issparse(seen) != sparse.issparse(matrix):
             return False
         if mask is not None:

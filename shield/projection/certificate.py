@@ -34,7 +34,7 @@ class Status(StrEnum):
 class _Result:
     """Results are equal if they say the same; the time that they took is no part of that."""
 
-    __slots__ = ()
+    __slots__: tuple[str, ...] = ()
 
     def __eq__(self, other: object) -> bool:
         return isinstance(other, _Result) and self._key() == other._key()
