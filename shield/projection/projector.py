@@ -4,7 +4,6 @@ import math
 import reprlib
 import time
 from collections.abc import Sequence
-from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -110,14 +109,9 @@ class HorizonProjector:
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Copy by building anew: a solver's workspace cannot be copied."""
-        build = partial(
-            HorizonProjector,
-            constraints=self.constraints,
-            weights=self.weights,
-            tolerance=self.tolerance,
-            deadline=self.deadline,
-        )
-        return build, (self.limits, self.horizon, self._choice)
+        names = ("constraints", "weights", "tolerance", "deadline")
+        options = {name: getattr(self, name) for name in names}
+        return _build, (self.limits, self.horizon, self._choice, options)
 
     def reset(self) -> None:
         """Forget earlier horizons.
@@ -357,6 +351,12 @@ class HorizonProjector:
         excess = self._rows.excess(actions.ravel() / self._scale) * self._rows.norm
         spans = self._rows.spans[self._built_in :]
         return tuple(float(excess[span].max(initial=0.0)) for span in spans)
+
+
+def _build(
+    limits: ActuatorLimits, horizon: int, solver: str | SolverFactory, options: dict[str, Any]
+) -> HorizonProjector:
+    return HorizonProjector(limits, horizon, solver, **options)
 
 
 def _checked_weights(weights: ArrayLike) -> tuple[float, float]:
