@@ -140,8 +140,9 @@ def markdown_summary(collection: Collection, estimates: Estimates) -> str:
         cells = []
         for column in columns:
             one = estimates[variant][column.key]
-            known = one.low is not None and one.high is not None
-            spread = f" ± {column.text((one.high - one.low) / 2.0)}" if known else ""
+            spread = ""
+            if one.low is not None and one.high is not None:
+                spread = f" ± {column.text((one.high - one.low) / 2.0)}"
             cells.append(Cell(column.text(one.value) + spread))
         rows.append((label(variant), "", cells))
     return NumberTable("", [column.heading for column in columns], rows).markdown()
