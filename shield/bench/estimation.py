@@ -11,7 +11,6 @@ from shield.estimation.scan import DEFAULT_SCANNER
 
 __all__ = ["ScanFaults", "simulate_drive", "tracking_against_raw"]
 
-
 DT = 0.1  # [s] period of the scans
 STEPS = 200  # [-] scans of a drive
 OBSTACLES = 12  # [-] circles beside the path: parked cars and poles

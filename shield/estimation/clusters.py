@@ -27,8 +27,7 @@ class Track:
         position: Mean of its points (2,), in the frame of the points [m].
         velocity: Over the ground (2,), along the axes of that frame [m/s]; 0 after one sighting.
         sightings: Positions that the velocity comes from.
-        first: Row of its first point.
-        last: Row of its last point.
+        first, last: Rows of its first and last point.
     """
 
     number: int

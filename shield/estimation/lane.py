@@ -18,7 +18,6 @@ from shield.errors import InvalidLimits, InvalidProblem
 
 __all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
 
-
 GATE = 13.82  # 99.9 % quantile of chi² with 2 degrees of freedom
 MAX_REJECTED = 5  # sightings rejected in a row after which the filter, not the sensor, is lost
 CURVATURE_STD = np.array([0.005, 0.0005])  # [1/m], [1/m²] of a sighting's curvature and its rate

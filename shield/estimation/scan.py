@@ -21,7 +21,6 @@ from shield.vehicle import VehicleGeometry
 
 __all__ = ["DEFAULT_SCANNER", "CleanScan", "ScanFilter", "ScannerGeometry"]
 
-
 WINDOW, SUPPORT = 5, 3  # w and k: at 10 m five beams of one degree span a pedestrian
 STUCK_AFTER = 5  # repetitions of a beam, or of a whole scan: half a second at 10 Hz
 LEAST_WORKING = 0.5  # share of working beams in a usable scan

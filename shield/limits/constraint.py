@@ -19,7 +19,6 @@ from shield.errors import InvalidProblem
 
 __all__ = ["UNBOUNDED", "Constraint", "RowStack", "Rows"]
 
-
 UNBOUNDED = 1e30  # [-] the infinity of OSQP: a bound that is none
 _ACTIVE = 1e-12  # [-] slack of an active row, relative: rounding errors of a repaired command
 _LARGE = 1e20  # [-] bounds from here on are none, whatever they were divided by
@@ -31,8 +30,7 @@ class Rows:
 
     Attributes:
         matrix: Shape (m, 2 H), an array or a `scipy.sparse.csr_matrix`.
-        lower: Shape (m,), -`UNBOUNDED` where there is no bound.
-        upper: Shape (m,), `UNBOUNDED` where there is no bound.
+        lower, upper: Shape (m,), -`UNBOUNDED` and `UNBOUNDED` where there is no bound.
     """
 
     matrix: Array | sparse.csr_matrix

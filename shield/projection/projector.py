@@ -22,7 +22,6 @@ from shield.projection.solvers import Answer, Program, QPSolver, SolverFactory, 
 
 __all__ = ["HorizonProjector"]
 
-
 _MAX_PROGRAMS = 12  # [-] linearisations of one call; four are enough for 99 % of bending problems
 _FAR = 1e7  # [steps] targets further away pull no harder: the digits of float64 end there
 _LARGEST_SCALE = 100.0  # [steps] unit of the solver: the distance to the target, up to this

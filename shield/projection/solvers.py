@@ -21,7 +21,6 @@ from shield.limits.constraint import UNBOUNDED
 
 __all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "make_solver"]
 
-
 # Tolerances of OSQP before it polishes [-]. The coarse one identifies the active bounds of 99 % of
 # the random horizons of `shield.bench`, for which polishing then solves to rounding errors.
 COARSE, FINE = 1e-3, 1e-6

@@ -19,7 +19,6 @@ from shield.world.surroundings import Surroundings
 
 __all__ = ["FLANK_MARGIN", "FlankBarrier"]
 
-
 FLANK_MARGIN = 0.25  # [m] between the body and what it passes
 FLANK_REACH = 1.3  # [m] beside the body up to which an obstacle bounds the steering
 

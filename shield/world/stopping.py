@@ -26,7 +26,6 @@ from shield.world.surroundings import Surroundings
 
 __all__ = ["HORIZON", "StoppingBarrier"]
 
-
 HORIZON = 30.0  # [m] length of path that is looked at: twice the braking distance from 12 m/s
 STEP = 0.5  # [m] between two points of the path that pedestrians are tested against
 MIN_CURVATURE = 1e-4  # [1/m] straighter arcs count as arcs of this curvature
@@ -57,10 +56,7 @@ class StoppingBarrier:
         self._along: Array = np.arange(0.0, HORIZON, STEP)
 
     def max_speed(self, around: Surroundings, steering: float) -> float:
-        """Return the speed from which the car stops in time on the arc of a steering angle [m/s].
-
-        Infinite on a free path.
-        """
+        """Return the speed [m/s] from which the car stops on a steering's arc, infinite if free."""
         curvature = math.tan(steering) / self._wheelbase
         bend = math.copysign(max(abs(curvature), MIN_CURVATURE), curvature)
         arc = _Arc(1.0 / bend, around.scanner.mount)
@@ -124,10 +120,7 @@ class _Arc:
 
 
 def _crossing_times(pedestrian: Track, places: Array, room: float) -> tuple[Array, Array]:
-    """When a pedestrian comes within `room` of places (m, 2), and leaves: two times (m,) [s].
-
-    Both are minus infinity where they never do.
-    """
+    """When a pedestrian comes within `room` of places (m, 2), and leaves [s]; -inf if never."""
     apart = pedestrian.position - places
     pace = float(pedestrian.velocity @ pedestrian.velocity)
     half = apart @ pedestrian.velocity

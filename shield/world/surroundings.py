@@ -23,7 +23,6 @@ from shield.estimation.scan import ScanFilter, ScannerGeometry
 
 __all__ = ["Surroundings"]
 
-
 MAX_PEDESTRIAN_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 PEDESTRIAN_SPEED = 0.5, 2.5  # [m/s] slowest and fastest
 MIN_SIGHTINGS = 5  # scans from which a track's velocity counts
