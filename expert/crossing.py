@@ -3,8 +3,6 @@
 `shield.ClusterTracker` follows the clusters in a frame that does not jump with the lane estimate.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -12,24 +10,19 @@ from expert.lane_map import LaneMap
 from shield import ClusterTracker, Track
 from shield.arguments import check_positive, check_within
 
-__all__ = ["CrossingConfig", "CrossingWatch", "Pedestrian"]
-
 MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
 MEMORY = 10  # [scans] that a velocity is fitted to: one second
 MIN_SIGHTINGS = 3  # [scans] before a place alone is evidence
 FORGET_AFTER = 10  # [scans] without a sighting; the tracker gives up earlier
-
 MAX_DISTANCE = 34.0  # [m] further ahead a pedestrian is one or two beams wide
 BEHIND = -1.0  # [m] from the bumper; further back the scanner sees nothing
 RIGHT_END, LEFT_END = -2.0, 5.4  # [m] both lanes and their edges, from the home lane's centre
 APPROACH = 2.0  # [m] beside that zone in which clusters are already judged
-
 MAX_ALONG_SPEED = 1.5  # [m/s] along the lane; faster clusters are vehicles
 MAX_SIDEWAYS_SPEED = 2.5  # [m/s] faster than a pedestrian crosses: a false match
 BARREL_ZONE = 1.05  # [m] from the home lane's centre; no barrel stands further aside
 BARREL_ZONE_GROWTH = 0.02  # [m/m] of distance ahead, because the lane is uncertain there
-
 FAST_WALK = 1.5  # [m/s] assumed of a pedestrian who has not reached the car's path yet
 PASSED = 6.0  # [m] from the front bumper to behind the car, with a margin
 MIN_PASSING_SPEED = 3.0  # [m/s] so that a car that has stopped drives on in front of a far one
@@ -37,20 +30,11 @@ MIN_PASSING_SPEED = 3.0  # [m/s] so that a car that has stopped drives on in fro
 
 @dataclass(frozen=True, slots=True)
 class CrossingConfig:
-    """What counts as a pedestrian, and how far the car stays away.
+    """What counts as a pedestrian, and how far the car stays away."""
 
-    Attributes:
-        speed: Sideways speed from which a narrow cluster is a pedestrian [m/s].
-        room: Sideways distance at which a pedestrian is out of the way [m].
-        standoff: Added to the usual distance in front of a pedestrian [m].
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    speed: float = 0.6
-    room: float = 1.9
-    standoff: float = 1.5
+    speed: float = 0.6  # Sideways speed from which a narrow cluster is a pedestrian [m/s]
+    room: float = 1.9  # Sideways distance at which a pedestrian is out of the way [m]
+    standoff: float = 1.5  # Added to the usual distance in front of a pedestrian [m]
 
     def __post_init__(self) -> None:
         check_positive(ValueError, speed=self.speed, room=self.room)
@@ -59,32 +43,20 @@ class CrossingConfig:
 
 @dataclass(slots=True)
 class _Judgement:
-    """What is known of a track.
+    """What is known of a track."""
 
-    Attributes:
-        seen: Number of the last scan that showed it.
-        pedestrian: Whether it is one.
-        direction: +1 when it moves to the left, -1 to the right, 0 while that is unknown.
-    """
-
-    seen: int
-    pedestrian: bool = False
-    direction: float = 0.0
+    seen: int  # Number of the last scan that showed it
+    pedestrian: bool = False  # Whether it is one
+    direction: float = 0.0  # +1 when it moves to the left, -1 to the right, 0 while that is unknown
 
 
 @dataclass(frozen=True, slots=True)
 class Pedestrian:
-    """A pedestrian who crosses.
+    """A pedestrian who crosses."""
 
-    Attributes:
-        s: Distance along the lane from the bumper [m].
-        d: Offset to the left of the home lane's centre [m].
-        direction: +1 for a pedestrian who walks to the left, -1 to the right.
-    """
-
-    s: float
-    d: float
-    direction: float
+    s: float  # Distance along the lane from the bumper [m]
+    d: float  # Offset to the left of the home lane's centre [m]
+    direction: float  # +1 for a pedestrian who walks to the left, -1 to the right
 
     def blocks(self, offset: float, speed: float, room: float) -> bool:
         """Whether the pedestrian is in the car's path, or will be before it has passed.

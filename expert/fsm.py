@@ -1,7 +1,5 @@
 """The expert: a finite-state machine over four driving modes (paper, Sec. FSM-aware replay)."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -25,8 +23,6 @@ from shield import (
 from shield.arguments import check_positive
 from shield.estimation.scan import ScanFilter
 
-__all__ = ["BESIDE", "CORRIDOR", "ExpertConfig", "ExpertDecision", "FSMExpert"]
-
 Array = NDArray[np.float64]
 
 CORRIDOR = 1.45  # [m] half width of the strip that must be free for a lane to be free
@@ -48,32 +44,18 @@ INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
 
 @dataclass(frozen=True, slots=True)
 class ExpertConfig:
-    """How the expert changes lanes, and the gains of its controllers.
+    """How the expert changes lanes, and the gains of its controllers."""
 
-    Attributes:
-        sight: Gap in the home lane below which the expert overtakes [m].
-        clear: Gap in the home lane from which it goes back [m].
-        hold: Distance driven after the home lane has become free before going back [m].
-        shift_rate: Speed at which the target offset moves across the road [m/s].
-        shift_acceleration: At which that speed rises and falls [m/s^2].
-        avoidance_speed: Set-point next to obstacles [m/s].
-        lateral: Gains of the steering cascade.
-        longitudinal: How fast the expert drives.
-        crossing: What counts as a pedestrian.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    sight: float = 30.0
-    clear: float = 22.0
-    hold: float = 3.0
-    shift_rate: float = 1.8
-    shift_acceleration: float = 1.5
-    avoidance_speed: float = 7.0
-    lateral: LateralConfig = field(default_factory=LateralConfig)
+    sight: float = 30.0  # Gap in the home lane below which the expert overtakes [m]
+    clear: float = 22.0  # Gap in the home lane from which it goes back [m]
+    hold: float = 3.0  # Distance driven after the home lane has become free before going back [m]
+    shift_rate: float = 1.8  # Speed at which the target offset moves across the road [m/s]
+    shift_acceleration: float = 1.5  # At which that speed rises and falls [m/s^2]
+    avoidance_speed: float = 7.0  # Set-point next to obstacles [m/s]
+    lateral: LateralConfig = field(default_factory=LateralConfig)  # Gains of the steering cascade
+    # How fast the expert drives
     longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
-    crossing: CrossingConfig = field(default_factory=CrossingConfig)
+    crossing: CrossingConfig = field(default_factory=CrossingConfig)  # What counts as a pedestrian
 
     def __post_init__(self) -> None:
         numbers = ("sight", "clear", "hold", "shift_rate", "shift_acceleration", "avoidance_speed")
@@ -82,18 +64,13 @@ class ExpertConfig:
 
 @dataclass(frozen=True, slots=True)
 class ExpertDecision:
-    """What the expert does in a state.
+    """What the expert does in a state."""
 
-    Attributes:
-        setpoint: Where the controllers want to be (2,) [rad, m/s]: the label a* of imitation.
-        command: The set-point slew-limited from the last executed command (2,) [rad, m/s]: what
-            the expert executes.
-        mode: Driving mode.
-    """
-
-    setpoint: Array
+    setpoint: Array  # Where the controllers want to be (2,) [rad, m/s]: the label a* of imitation
+    # The set-point slew-limited from the last executed command (2,) [rad, m/s]: what the expert
+    # executes
     command: Array
-    mode: Mode
+    mode: Mode  # Driving mode
 
 
 class FSMExpert:

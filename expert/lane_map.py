@@ -4,8 +4,6 @@ A lane sensor's clothoid and a scan become, for each lane, the free distance ahe
 something is beside the car.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -13,34 +11,22 @@ from numpy.typing import NDArray
 
 from shield import LaneEstimate, ScannerGeometry
 
-__all__ = ["LaneMap"]
-
 Array = NDArray[np.float64]
 
-BEHIND, AHEAD = 2.0, 40.0
-"""Stretch of lane that the map covers, from the rear axle [m]."""
-
+BEHIND, AHEAD = 2.0, 40.0  # Stretch of lane that the map covers, from the rear axle [m]
+# Between the points of the lane's centre line [m]: its tangents turn by at most 0.1 rad there
 SPACING = 1.0
-"""Between the points of the lane's centre line [m]: its tangents turn by at most 0.1 rad there."""
 
 
 @dataclass(frozen=True, slots=True)
 class LaneMap:
-    """Scan points in curvilinear coordinates of the home lane.
+    """Scan points in curvilinear coordinates of the home lane."""
 
-    Attributes:
-        s: Distance along the lane from the scanner (n,) [m].
-        d: Offset to the left of the home lane's centre (n,) [m].
-        points: The same points in the scanner's frame (n, 2) [m], in the order of the beams.
-        lane: The lane that they were placed in.
-        mount: From the rear axle to the scanner [m].
-    """
-
-    s: Array
-    d: Array
-    points: Array
-    lane: LaneEstimate
-    mount: float
+    s: Array  # Distance along the lane from the scanner (n,) [m]
+    d: Array  # Offset to the left of the home lane's centre (n,) [m]
+    points: Array  # The same points in the scanner's frame (n, 2) [m], in the order of the beams
+    lane: LaneEstimate  # The lane that they were placed in
+    mount: float  # From the rear axle to the scanner [m]
 
     def without(self, s: float, d: float, radius: float) -> LaneMap:
         """The map without the points around (s, d) [m]."""

@@ -1,14 +1,10 @@
 """Steering: a cascade of offset, heading and curvature."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 from shield import ActuatorLimits, LaneEstimate
 from shield.arguments import check_positive
-
-__all__ = ["LateralConfig", "parallel_curvature", "steer"]
 
 PREVIEW_TIME = 0.15  # [s] look-ahead of the curvature feed-forward
 MIN_SPEED = 3.5  # [m/s] below which the offset's gain stops growing
@@ -20,20 +16,11 @@ MIN_STEERING_RATE = 1e-3  # [rad/s] avoids a division by zero
 
 @dataclass(frozen=True, slots=True)
 class LateralConfig:
-    """Gains of the steering cascade; chosen by step responses of the kinematic bicycle.
+    """Gains of the steering cascade; chosen by step responses of the kinematic bicycle."""
 
-    Attributes:
-        offset_time: Time constant with which an offset is driven out [s].
-        heading_time: Time constant with which a heading error is driven out [s].
-        max_approach: Largest angle at which the lane's centre is approached [rad].
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    offset_time: float = 1.0
-    heading_time: float = 0.45
-    max_approach: float = 0.5
+    offset_time: float = 1.0  # Time constant with which an offset is driven out [s]
+    heading_time: float = 0.45  # Time constant with which a heading error is driven out [s]
+    max_approach: float = 0.5  # Largest angle at which the lane's centre is approached [rad]
 
     def __post_init__(self) -> None:
         check_positive(ValueError, offset_time=self.offset_time, heading_time=self.heading_time)

@@ -1,15 +1,11 @@
 """Speed: cruise, slow down for bends, keep a distance in which the car can stop."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
 from expert.lateral import parallel_curvature
 from shield import LaneEstimate
 from shield.arguments import check_positive
-
-__all__ = ["LongitudinalConfig", "bend_speed", "stopping_speed"]
 
 PREVIEW = 20.0  # [m] stretch of lane whose curvature counts: two seconds at cruise speed
 CREEP_SPEED = 0.8  # [m/s] at which the car still steers free of what it has stopped behind
@@ -19,26 +15,15 @@ STRAIGHT = 1e-6  # [1/m] less curvature than that is none
 
 @dataclass(frozen=True, slots=True)
 class LongitudinalConfig:
-    """How fast the expert drives.
+    """How fast the expert drives."""
 
-    Attributes:
-        cruise_speed: On a free straight [m/s].
-        lateral_acceleration: Comfortable in bends [m/s^2]; ISO 22179 suggests 2 to 2.5.
-        acceleration: Comfortable when there is room again [m/s^2]; the actuators can do more.
-        deceleration: Planned when something is ahead [m/s^2].
-        standoff: Distance to stop behind an obstacle [m].
-        blind_speed: While the lane is not seen or the scan is unusable [m/s].
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    cruise_speed: float = 9.0
-    lateral_acceleration: float = 2.0
+    cruise_speed: float = 9.0  # On a free straight [m/s]
+    lateral_acceleration: float = 2.0  # Comfortable in bends [m/s^2]; ISO 22179 suggests 2 to 2.5
+    # Comfortable when there is room again [m/s^2]; the actuators can do more
     acceleration: float = 1.5
-    deceleration: float = 2.0
-    standoff: float = 4.0
-    blind_speed: float = 3.0
+    deceleration: float = 2.0  # Planned when something is ahead [m/s^2]
+    standoff: float = 4.0  # Distance to stop behind an obstacle [m]
+    blind_speed: float = 3.0  # While the lane is not seen or the scan is unusable [m/s]
 
     def __post_init__(self) -> None:
         check_positive(ValueError, **{name: getattr(self, name) for name in self.__slots__})

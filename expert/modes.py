@@ -1,10 +1,6 @@
 """The expert's four behaviour modes (paper, Sec. III: the FSM's states)."""
 
-from __future__ import annotations
-
 from enum import IntEnum
-
-__all__ = ["Mode"]
 
 
 class Mode(IntEnum):

@@ -1,13 +1,9 @@
 """The vehicle that is overtaken, also while it is beside the car, where the LiDAR sees nothing."""
 
-from __future__ import annotations
-
 import math
 from collections import deque
 
 import numpy as np
-
-__all__ = ["Neighbour"]
 
 MEMORY = 10  # [steps] that the speed is fitted to: one second
 MIN_SIGHTINGS = 5  # [steps] before there is a speed

@@ -11,8 +11,6 @@ Storage is reserved at once but costs memory only as it fills: the pages of `np.
 by the first write.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -23,12 +21,10 @@ from numpy.typing import NDArray
 from expert.modes import Mode
 from expert.transition import ReplayBatch, Transition
 
-__all__ = ["ReplayBatch", "ReplayBuffer", "Transition"]
-
 Indices = NDArray[np.int64]
 
+# Sources of samples: all transitions, those that the expert drove, intervened steps
 SOURCES = ("all", "expert", "corrected")
-"""Sources of samples: all transitions, those that the expert drove, intervened steps."""
 
 
 class ReplayBuffer:

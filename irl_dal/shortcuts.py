@@ -12,8 +12,6 @@ without it to rounding, not to the last bit, so a run folder records which were 
 | `mallopt`  | gradient steps     | 1.4 times: 58 against 43 ms of a cloning step (one thread)  |
 """
 
-from __future__ import annotations
-
 import ctypes
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -22,26 +20,16 @@ from typing import TypeVar, cast
 import torch
 from numba import njit
 
-__all__ = ["compiled", "in_use", "keep_freed_memory", "reduced_precision"]
-
 Function = TypeVar("Function", bound=Callable[..., object])
 
+# Freedoms that vector instructions need: to fuse products into sums and to reorder sums. Neither of
+# them assumes that a number is finite.
 FAST_MATH = frozenset({"contract", "reassoc"})
-"""Freedoms that vector instructions need: to fuse products into sums and to reorder sums. Neither
-of them assumes that a number is finite."""
-
-
+# Names of the capabilities with which a processor multiplies bfloat16 numbers itself
 NATIVE_BFLOAT16 = ("avx512_bf16", "amx_bf16", "bf16")
-"""Names of the capabilities with which a processor multiplies bfloat16 numbers itself."""
-
-M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3
-"""Parameters of glibc's mallopt(3)."""
-
-LARGEST_MAPPING = 32 << 20
-"""Largest M_MMAP_THRESHOLD that glibc takes [bytes]."""
-
-KEPT = 1 << 30
-"""Free memory that is kept [bytes]: more than a gradient step uses."""
+M_TRIM_THRESHOLD, M_MMAP_THRESHOLD = -1, -3  # Parameters of glibc's mallopt(3)
+LARGEST_MAPPING = 32 << 20  # Largest M_MMAP_THRESHOLD that glibc takes [bytes]
+KEPT = 1 << 30  # Free memory that is kept [bytes]: more than a gradient step uses
 
 
 def compiled(function: Function) -> Function:

@@ -13,8 +13,6 @@ from irl_dal.envs.track import Track, TrackError
 from irl_dal.envs.traffic import DENSITY
 from shield import LaneGeometry, ScannerGeometry, VehicleGeometry
 
-__all__ = ["CityConfig"]
-
 # [m]: room for one obstacle and the way back; the test for a road that meets itself takes time with
 # the square of the length
 SHORTEST_ROUTE, LONGEST_ROUTE = 80.0, 10_000.0

@@ -10,8 +10,6 @@ from irl_dal.envs.arrays import Observation
 from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.vehicle import SERVO_RATE
 
-__all__ = ["FAULTS", "ActuatorLag", "FaultConfig", "SensorFaults"]
-
 FAULT_TIME = 1.0  # Length of one freeze of the camera and of one burst of noise [s]
 # Standard deviation in a burst, of a range [m] and of a pixel [1/255]
 BURST_RANGE, BURST_PIXEL = 1.0, 10.0

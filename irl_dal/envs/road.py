@@ -16,7 +16,6 @@ SPACING = 0.5  # Distance between two points of the centre line [m]
 LANES = LaneGeometry()  # Home and passing lane, measured from the home lane's centre
 LANE_WIDTH = LANES.width  # [m]
 LANES_PER_DIRECTION = 2
-
 HOME_LANE = -1.5 * LANE_WIDTH  # `d` of the ego's own, outer lane [m]
 PASSING_LANE = -0.5 * LANE_WIDTH  # `d` of the inner lane of the same direction [m]
 # From the centre line to the right-hand edge, on generated roads to both edges [m]

@@ -19,9 +19,6 @@ from irl_dal.envs.arrays import Array
 from irl_dal.envs.road import HALF_WIDTH, LEAD_IN, LEAD_OUT, SPACING, Road
 from irl_dal.envs.track_file import TrackError, TrackFile
 
-__all__ = ["Track", "TrackError"]
-
-
 SHOULDER = 0.3  # Least width beyond the yellow line [m]
 # Of the yellow line after smoothing in bends to the left, where the own lanes are wider, and to the
 # right [m], where the edge is 7 m nearer to their centre

@@ -16,7 +16,6 @@ import numpy as np
 from irl_dal.envs.arrays import Array
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
-
 # Of both sides together [m]: narrower than a lane, wider than a runway
 MIN_WIDTH, MAX_WIDTH = 4.0, 100.0
 MAX_STEP = 5_000.0  # Between two points [m]; a longer one is a slip of the pen, not a straight

@@ -10,19 +10,15 @@
 | `mask` before / after| M_t / M-hat_t        | mask_gradient / mask_norm |
 """
 
-from __future__ import annotations
-
 import torch
 from torch import Tensor, nn
 
 from irl_dal.perception.config import PerceptionConfig
 
+# d_safe of Eq. hazard_level [m]; the paper does not give it: where a car stops from 12 m/s at 6
+# m/s^2.
 SAFE_DISTANCE = 12.0
-"""d_safe of Eq. hazard_level [m]; the paper does not give it: where a car stops from 12 m/s at
-6 m/s^2."""
-
-EPSILON = 1e-6
-"""The epsilon of Eq. mask_norm."""
+EPSILON = 1e-6  # The epsilon of Eq. mask_norm.
 
 
 class LearnableAdaptiveMask(nn.Module):

@@ -1,7 +1,5 @@
 """What the perception module can be told."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -13,28 +11,21 @@ MaskNormalisation = Literal["bounded", "printed"]
 
 @dataclass(frozen=True, slots=True)
 class PerceptionConfig:
-    """Scales and switches of the perception module.
+    """Scales and switches of the perception module."""
 
-    Attributes:
-        max_speed: v_max of Eq. speed_norm [m/s]; the fastest command the actuators take.
-        adaptive_mask: Whether the mask is the image's fourth channel; off for the ablation.
-        normalisation: What Eq. mask_norm divides by: `bounded` the largest weight that the mask
-            can have, `printed` the mask's own maximum, which cancels both learned factors.
-        initial_alpha: First value of alpha_speed and alpha_lidar (Table II).
-        exposure: Whether the image is brought to one brightness before it is encoded, as a camera's
-            automatic exposure does (not in the paper).
-        fuse_speed: Whether the normalised speed K_t also enters the fusion. The paper shows it to
-            the policy only through the mask.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
+    # v_max of Eq. speed_norm [m/s]; the fastest command the actuators take.
     max_speed: float = 12.0
+    # Whether the mask is the image's fourth channel; off for the ablation
     adaptive_mask: bool = True
+    # What Eq. mask_norm divides by: `bounded` the largest weight that the mask can have, `printed`
+    # the mask's own maximum, which cancels both learned factors.
     normalisation: MaskNormalisation = "bounded"
-    initial_alpha: float = 0.5
+    initial_alpha: float = 0.5  # First value of alpha_speed and alpha_lidar (Table II)
+    # Whether the image is brought to one brightness before it is encoded, as a camera's automatic
+    # exposure does (not in the paper)
     exposure: bool = True
+    # Whether the normalised speed K_t also enters the fusion. The paper shows it to the policy only
+    # through the mask.
     fuse_speed: bool = True
 
     def __post_init__(self) -> None:

@@ -1,7 +1,5 @@
 """Camera, LiDAR and speed to the policy's 512 features, as a stable-baselines3 extractor."""
 
-from __future__ import annotations
-
 import gymnasium
 import numpy as np
 import torch
@@ -12,20 +10,14 @@ from torch.nn.functional import conv1d, conv2d
 from irl_dal.perception.adaptive_mask import LearnableAdaptiveMask
 from irl_dal.perception.config import PerceptionConfig
 
-FEATURES = 512
-"""Size of the fused state s_t."""
-
-LIDAR_FEATURES = 32
-"""Size of z_lidar."""
-
+FEATURES = 512  # Size of the fused state s_t
+LIDAR_FEATURES = 32  # Size of z_lidar
+# Output channels of the three layers. The paper gives kernels and strides only.
 CONVOLUTION_CHANNELS = (16, 32, 32)
-"""Output channels of the three layers. The paper gives kernels and strides only."""
-
+# Mean brightness after exposure, and the one below which nothing is amplified any more
 EXPOSURE, DARKNESS = 0.3, 0.01
-"""Mean brightness after exposure, and the one below which nothing is amplified any more."""
-
+# Hidden units of the fusion: half the arithmetic of going from z_vision to 512 at once
 FUSION_WIDTH = 256
-"""Hidden units of the fusion: half the arithmetic of going from z_vision to 512 at once."""
 
 
 def channels_first(image: Tensor) -> Tensor:

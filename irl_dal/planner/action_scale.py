@@ -1,7 +1,5 @@
 """Between normalised actions and commands, without the shield's checks, for the sampling loop."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from irl_dal.planner.arrays import Array

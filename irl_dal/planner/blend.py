@@ -10,8 +10,6 @@
 | weight             | w_b             | final_blend    |
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -20,35 +18,24 @@ import numpy as np
 from irl_dal.planner.arrays import Array
 from shield.arguments import check_positive, check_within
 
-__all__ = ["ActionBlend", "BlendConfig"]
-
+# Share of the new weight in its exponential moving average; the paper does not give it
 SMOOTHING = 0.5
-"""Share of the new weight in its exponential moving average; the paper does not give it."""
 
 
 @dataclass(frozen=True, slots=True)
 class BlendConfig:
-    """Numbers of the blend.
+    """Numbers of the blend."""
 
-    Attributes:
-        critical_clearance: d_critical (Table II) [m]; nearer than this the planner drives alone.
-        base: w_base^blend; the paper does not give it. 0.5 saves a disturbed policy more often than
-            0.3 does. w_scale^blend is 1 - base, so that the weight is 1 at contact.
-        distance_scale: s_1 (Table II) [m].
-        deviation_scale: s_2 [m]: Table II's 20 px at 1 px for 1 cm.
-        deviation_gain: k_tanh (Table II).
-        smooth_critical: Whether the average also delays the critical weight, as the paper's words
-            can be read. By default the critical weight holds at once.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
+    # d_critical (Table II) [m]; nearer than this the planner drives alone
     critical_clearance: float = 1.5
+    # w_base^blend; the paper does not give it. 0.5 saves a disturbed policy more often than 0.3
+    # does. w_scale^blend is 1 - base, so that the weight is 1 at contact.
     base: float = 0.5
-    distance_scale: float = 2.0
-    deviation_scale: float = 0.2
-    deviation_gain: float = 0.3
+    distance_scale: float = 2.0  # s_1 (Table II) [m]
+    deviation_scale: float = 0.2  # s_2 [m]: Table II's 20 px at 1 px for 1 cm
+    deviation_gain: float = 0.3  # k_tanh (Table II)
+    # Whether the average also delays the critical weight, as the paper's words can be read. By
+    # default the critical weight holds at once.
     smooth_critical: bool = False
 
     def __post_init__(self) -> None:

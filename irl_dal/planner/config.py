@@ -1,7 +1,5 @@
 """The planner's settings."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -16,57 +14,39 @@ from shield.arguments import check_positive
 SamplerKind = Literal["ddim", "ddpm"]
 Activation = Literal["trigger", "always", "never"]
 
+# Clean estimates are clipped to [-CLIP, CLIP], the box of the actions, before they are guided
 CLIP = 1.0
-"""Clean estimates are clipped to [-CLIP, CLIP], the box of the actions, before they are guided."""
 
 
 @dataclass(frozen=True, slots=True)
 class PlannerConfig:
-    """Settings of the diffusion planner, and when a run asks it.
+    """Settings of the diffusion planner, and when a run asks it."""
 
-    Attributes:
-        enabled: Whether a run has a planner.
-        activation: When it is asked: on the trigger, always or never.
-        without_lane: Whether the trigger asks it also where no lane is seen and nothing is near.
-        expert_reference: Whether the expert's command is its reference (E_expert) in training; in
-            an evaluation there is no expert to ask.
-        horizon: H (Table II), even because the U-Net halves it.
-        diffusion_steps: T (Table II).
-        schedule: Noise schedule; `printed` is the paper's and leaves signal at T.
-        prediction: What the network predicts, the clean chunk or the noise.
-        sampler: `ddpm` takes all T steps as the paper does, `ddim` takes `sampling_steps`.
-        sampling_steps: Reverse steps of `ddim`.
-        projection: Where the plan is projected.
-        candidates: N plans drawn in one batch; the one of least energy is taken.
-        deadline: Longest time for one plan [s]; past it the fallback is used and counted. None for
-            simulated time, which stands still while a plan is made: a busy machine must not change
-            a result. 0.08 leaves a margin in the 100 ms of a real control step.
-        width: Channels of the network at full length, even; the paper does not give them.
-        guidance: Guidance step.
-        energy: Energies.
-        blend: Blend with the policy's action.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    enabled: bool = True
-    activation: Activation = "trigger"
+    enabled: bool = True  # Whether a run has a planner
+    activation: Activation = "trigger"  # When it is asked: on the trigger, always or never
+    # Whether the trigger asks it also where no lane is seen and nothing is near
     without_lane: bool = False
+    # Whether the expert's command is its reference (E_expert) in training; in an evaluation there
+    # is no expert to ask
     expert_reference: bool = True
-    horizon: int = 8
-    diffusion_steps: int = 100
+    horizon: int = 8  # H (Table II), even because the U-Net halves it
+    diffusion_steps: int = 100  # T (Table II)
+    # Noise schedule; `printed` is the paper's and leaves signal at T
     schedule: ScheduleKind = "cosine"
-    prediction: Prediction = "x0"
+    prediction: Prediction = "x0"  # What the network predicts, the clean chunk or the noise
+    # `ddpm` takes all T steps as the paper does, `ddim` takes `sampling_steps`
     sampler: SamplerKind = "ddim"
-    sampling_steps: int = 10
-    projection: ProjectionMode = "final"
-    candidates: int = 1
+    sampling_steps: int = 10  # Reverse steps of `ddim`
+    projection: ProjectionMode = "final"  # Where the plan is projected
+    candidates: int = 1  # N plans drawn in one batch; the one of least energy is taken
+    # Longest time for one plan [s]; past it the fallback is used and counted. None for simulated
+    # time, which stands still while a plan is made: a busy machine must not change a result. 0.08
+    # leaves a margin in the 100 ms of a real control step.
     deadline: float | None = None
-    width: int = 64
-    guidance: GuidanceConfig = field(default_factory=GuidanceConfig)
-    energy: EnergyConfig = field(default_factory=EnergyConfig)
-    blend: BlendConfig = field(default_factory=BlendConfig)
+    width: int = 64  # Channels of the network at full length, even; the paper does not give them
+    guidance: GuidanceConfig = field(default_factory=GuidanceConfig)  # Guidance step
+    energy: EnergyConfig = field(default_factory=EnergyConfig)  # Energies
+    blend: BlendConfig = field(default_factory=BlendConfig)  # Blend with the policy's action
 
     def __post_init__(self) -> None:
         for name in ("horizon", "width"):

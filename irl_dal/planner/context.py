@@ -1,7 +1,5 @@
 """What a plan depends on, and its 64 numbers for the network (the paper's c_t)."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -17,33 +15,22 @@ from shield import (
     VehicleGeometry,
 )
 
-CONTEXT_SIZE = 64
-"""Table II of the paper's text: c_t has 64 entries."""
-
-FEWEST_BEAMS = 8
-"""A scanner with fewer does not tell the lanes apart."""
-
-SECTORS = 30
-"""Of the scanner's field of view: of each, the nearest return is kept."""
-
-HAZARD_SCALE = 3.0
-"""s_h of Table II [m]."""
-
+CONTEXT_SIZE = 64  # Table II of the paper's text: c_t has 64 entries
+FEWEST_BEAMS = 8  # A scanner with fewer does not tell the lanes apart
+SECTORS = 30  # Of the scanner's field of view: of each, the nearest return is kept
+HAZARD_SCALE = 3.0  # s_h of Table II [m]
+# Scales of the entries: what a drive seldom exceeds. They are part of trained weights.
 _SPEED, _STEERING, _OFFSET, _HEADING = 12.0, 0.5, 3.5, 0.3  # [m/s, rad, m, rad]
 _CURVATURE, _CURVATURE_RATE = 0.05, 0.005  # [1/m, 1/m^2]
 _NEAR, _AGE, _RANGE_STD, _OFFSET_STD = 5.0, 1.0, 1.0, 0.5  # [m, s, m, m]
-"""Scales of the entries: what a drive seldom exceeds. They are part of trained weights."""
-
-_LARGEST = 3.0
-"""Entries are clipped to [-3, 3]: beyond, a network has seen nothing."""
-
+_LARGEST = 3.0  # Entries are clipped to [-3, 3]: beyond, a network has seen nothing
+# Places of the entries; from 50 on they are unused and zero
 HAZARD, CLEARANCE, CLOSING_SPEED, CLEARANCE_STD, CLEARANCE_VALID = 0, 1, 2, 3, 4
 LATERAL_OFFSET, HEADING_ERROR, CURVATURE, CURVATURE_RATE, LANE_DEVIATION = 5, 6, 7, 8, 9
 OFFSET_STD, LANE_AGE, LANE_VALID = 10, 11, 12
 SPEED, PREVIOUS_STEERING, PREVIOUS_SPEED = 13, 14, 15
 SECTOR_START = 16
 SCAN_MEAN, SCAN_STD, SCAN_RETURNS, NEAREST_BEARING = 46, 47, 48, 49
-"""Places of the entries; from 50 on they are unused and zero."""
 
 
 def hazard(clearance: float) -> float:
@@ -55,30 +42,21 @@ def hazard(clearance: float) -> float:
 class PlanningContext:
     """Everything a plan is made from, in physical units.
 
-    Attributes:
-        scan: LiDAR ranges (beams,) [m].
-        clearance: Filtered minimum clearance and closing speed.
-        lane: Filtered lane pose.
-        speed: Measured speed [m/s].
-        previous: Last executed command (2,) [rad, m/s].
-        expert_reference: The expert's commands (H, 2) [rad, m/s], or None.
-        lane_centres: Admissible lane centres, as lateral offsets [m].
-        scanner: Where the beams point; by default as many as the scan has, over a half turn.
-        vehicle: Outline of the car.
-
     Raises:
         ValueError: A wrong shape, or no lane centre. Values are not judged here.
     """
 
-    scan: Array
-    clearance: ClearanceEstimate
-    lane: LaneEstimate
-    speed: float
-    previous: Array
-    expert_reference: Array | None = None
+    scan: Array  # LiDAR ranges (beams,) [m]
+    clearance: ClearanceEstimate  # Filtered minimum clearance and closing speed
+    lane: LaneEstimate  # Filtered lane pose
+    speed: float  # Measured speed [m/s]
+    previous: Array  # Last executed command (2,) [rad, m/s]
+    expert_reference: Array | None = None  # The expert's commands (H, 2) [rad, m/s], or None
+    # Admissible lane centres, as lateral offsets [m]
     lane_centres: tuple[float, ...] = LaneGeometry().centres
+    # Where the beams point; by default as many as the scan has, over a half turn
     scanner: ScannerGeometry | None = None
-    vehicle: VehicleGeometry = VehicleGeometry()
+    vehicle: VehicleGeometry = VehicleGeometry()  # Outline of the car
 
     def __post_init__(self) -> None:
         scan, previous = _read_only(self.scan), _read_only(self.previous)

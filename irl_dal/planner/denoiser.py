@@ -8,8 +8,6 @@ References:
     Chi et al., Diffusion Policy, 2023 (the architecture's family).
 """
 
-from __future__ import annotations
-
 import math
 
 import torch
@@ -19,15 +17,9 @@ from torch.nn import functional
 from irl_dal.planner.context import CONTEXT_SIZE
 
 ACTION_SIZE = 2
-
-EMBEDDING = 64
-"""Size of the sinusoidal embedding of k; the paper does not give it."""
-
-CONDITION = 128
-"""Size of the mixed condition: the embedding and the context, 64 numbers each."""
-
-NORM_EPSILON = 1e-6
-"""Added to a mean square before its root: keeps a position of zeros at zero."""
+EMBEDDING = 64  # Size of the sinusoidal embedding of k; the paper does not give it
+CONDITION = 128  # Size of the mixed condition: the embedding and the context, 64 numbers each
+NORM_EPSILON = 1e-6  # Added to a mean square before its root: keeps a position of zeros at zero
 
 
 class ResidualBlock(nn.Module):

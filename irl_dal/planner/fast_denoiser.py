@@ -6,8 +6,6 @@ and activation are one loop, and what depends only on k and the context is compu
 for all k. The arithmetic is that of `ConditionalUnet1d`, to single-precision rounding.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

@@ -7,8 +7,6 @@
 | result     | A-tilde^0_k    |
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 
@@ -22,26 +20,20 @@ from shield.arguments import check_positive, check_within
 
 @dataclass(frozen=True, slots=True)
 class GuidanceConfig:
-    """How strongly the energies push.
+    """How strongly the energies push."""
 
-    Attributes:
-        scale: w_g (Table II): length of a step, in normalised actions over the whole chunk; 0
-            switches guidance off.
-        epsilon: Added to the gradient's norm. Below it the step shrinks with the gradient instead
-            of keeping its length, so that a plan at the energy's minimum is left where it is. The
-            paper means a number that only avoids a division by zero.
-        max_final_iterations: Largest number of steps of the final line search, which replaces the
-            last reverse step's step: each is shortened to where it lowers the energy most, and the
-            search ends where none does. A step of full length passes a steep valley and raises the
-            energy; and the network undoes part of every earlier step, but not of the last. 0 takes
-            one step of full length, as the paper does.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
+    # w_g (Table II): length of a step, in normalised actions over the whole chunk; 0 switches
+    # guidance off
     scale: float = 0.1
+    # Added to the gradient's norm. Below it the step shrinks with the gradient instead of keeping
+    # its length, so that a plan at the energy's minimum is left where it is. The paper means a
+    # number that only avoids a division by zero.
     epsilon: float = 0.3
+    # Largest number of steps of the final line search, which replaces the last reverse step's step:
+    # each is shortened to where it lowers the energy most, and the search ends where none does. A
+    # step of full length passes a steep valley and raises the energy; and the network undoes part
+    # of every earlier step, but not of the last. 0 takes one step of full length, as the paper
+    # does.
     max_final_iterations: int = 6
 
     def __post_init__(self) -> None:
@@ -50,22 +42,17 @@ class GuidanceConfig:
         check_within(ValueError, 0, math.inf, scale=self.scale, max_final_iterations=iterations)
 
 
+# Of a step's length, tried at once in each iteration of the final line search
 SHARES = np.array([1.0, 0.5, 0.25, 0.1])
-"""Of a step's length, tried at once in each iteration of the final line search."""
 SHARES.setflags(write=False)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GuidedPlans:
-    """What guidance makes of the network's last estimate.
+    """What guidance makes of the network's last estimate."""
 
-    Attributes:
-        actions: Normalised plans (B, H, 2).
-        energy_before: Energies (B,) of the estimate; NaN where guidance is switched off.
-    """
-
-    actions: Array
-    energy_before: Array
+    actions: Array  # Normalised plans (B, H, 2)
+    energy_before: Array  # Energies (B,) of the estimate; NaN where guidance is switched off
 
 
 class Guidance(Refinement):

@@ -11,8 +11,6 @@ References:
     Nichol and Dhariwal, Improved Denoising Diffusion Probabilistic Models, 2021 (cosine).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -23,27 +21,17 @@ from irl_dal.planner.arrays import Array
 
 ScheduleKind = Literal["cosine", "printed"]
 
-FIRST_BETA, LAST_BETA = 1e-4, 0.02
-"""The paper's linear schedule."""
-
-COSINE_OFFSET = 0.008
-"""Keeps beta_1 from vanishing (Nichol and Dhariwal)."""
-
-LARGEST_BETA = 0.999
-"""Keeps alpha-bar_T above zero (Nichol and Dhariwal)."""
+FIRST_BETA, LAST_BETA = 1e-4, 0.02  # The paper's linear schedule
+COSINE_OFFSET = 0.008  # Keeps beta_1 from vanishing (Nichol and Dhariwal)
+LARGEST_BETA = 0.999  # Keeps alpha-bar_T above zero (Nichol and Dhariwal)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseSchedule:
-    """Variances of the forward process, read-only.
+    """Variances of the forward process, read-only."""
 
-    Attributes:
-        kind: Which schedule.
-        alpha_bar: Share of the signal's variance left after k steps, (T + 1,).
-    """
-
-    kind: ScheduleKind
-    alpha_bar: Array
+    kind: ScheduleKind  # Which schedule
+    alpha_bar: Array  # Share of the signal's variance left after k steps, (T + 1,)
 
     @classmethod
     def make(cls, kind: ScheduleKind = "cosine", steps: int = 100) -> NoiseSchedule:

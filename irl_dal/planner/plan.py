@@ -1,7 +1,5 @@
 """What the planner hands back."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from irl_dal.planner.arrays import Array
@@ -10,33 +8,24 @@ from shield import Status
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """A horizon of commands with how it came about. Arrays are read-only.
+    """A horizon of commands with how it came about. Arrays are read-only."""
 
-    Attributes:
-        actions: Commands (H, 2) [rad, m/s]; only the first is executed. In mode `none`
-            they are the sample as it is, admissible or not.
-        nominal: The last clean estimate before its projection (H, 2) [rad, m/s]; equal to
-            `actions` in mode `none` and for a fallback.
-        status: Of the last projection; `NOMINAL` in mode `none`; `FALLBACK` when there was no
-            usable sample.
-        reason: Why it is a fallback or what the projection said, else empty.
-        energy: Of `actions`; NaN for a fallback.
-        energy_nominal: Of `nominal`; NaN for a fallback.
-        energy_unguided: Of the network's last estimate before its last guidance step; NaN without
-            guidance and for a fallback.
-        candidates: All candidates as (N, H, 2) [rad, m/s].
-        latency: Wall time of the whole call [s].
-    """
-
+    # Commands (H, 2) [rad, m/s]; only the first is executed. In mode `none` they are the sample as
+    # it is, admissible or not.
     actions: Array
+    # The last clean estimate before its projection (H, 2) [rad, m/s]; equal to `actions` in mode
+    # `none` and for a fallback
     nominal: Array
+    # Of the last projection; `NOMINAL` in mode `none`; `FALLBACK` when there was no usable sample
     status: Status
-    reason: str
-    energy: float
-    energy_nominal: float
+    reason: str  # Why it is a fallback or what the projection said, else empty
+    energy: float  # Of `actions`; NaN for a fallback
+    energy_nominal: float  # Of `nominal`; NaN for a fallback
+    # Of the network's last estimate before its last guidance step; NaN without guidance and for a
+    # fallback
     energy_unguided: float
-    candidates: Array
-    latency: float
+    candidates: Array  # All candidates as (N, H, 2) [rad, m/s]
+    latency: float  # Wall time of the whole call [s]
 
     def __post_init__(self) -> None:
         for name in ("actions", "nominal", "candidates"):

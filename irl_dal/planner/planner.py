@@ -1,7 +1,5 @@
 """The diffusion planner: denoise, guide, project; a plan whatever happens."""
 
-from __future__ import annotations
-
 import math
 import time
 from collections import Counter
@@ -35,8 +33,8 @@ from shield import (
 )
 from shield.projection.fallback import FallbackPlan
 
+# Longest time for a projection without a deadline [s]: a busy machine must not change a result
 SIMULATED_TIME_DEADLINE = 10.0
-"""Longest time for a projection without a deadline [s]: a busy machine must not change a result."""
 
 
 class DiffusionPlanner:

@@ -17,8 +17,6 @@ References:
     `adaptive`: arXiv 2605.11214.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -32,26 +30,17 @@ from shield import ActuatorLimits, HorizonProjector, Projection
 ProjectionMode = Literal["none", "final", "x0", "xt", "adaptive"]
 
 PROJECTION_MODES: tuple[str, ...] = get_args(ProjectionMode)
-
-LARGE_DEFECT = 0.5
-"""Defect from which `adaptive` projects: half of a bound beyond it."""
+LARGE_DEFECT = 0.5  # Defect from which `adaptive` projects: half of a bound beyond it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ProjectedPlans:
-    """What the projection makes of the last estimate.
+    """What the projection makes of the last estimate."""
 
-    Attributes:
-        nominal: The estimate before its projection (B, H, 2) [rad, m/s].
-        commands: After it (B, H, 2) [rad, m/s]; equal to `nominal` in mode `none`.
-        actions: The same, normalised.
-        projections: One per plan; empty in mode `none`.
-    """
-
-    nominal: Array
-    commands: Array
-    actions: Array
-    projections: tuple[Projection, ...]
+    nominal: Array  # The estimate before its projection (B, H, 2) [rad, m/s]
+    commands: Array  # After it (B, H, 2) [rad, m/s]; equal to `nominal` in mode `none`
+    actions: Array  # The same, normalised
+    projections: tuple[Projection, ...]  # One per plan; empty in mode `none`
 
 
 class PlanProjection(Refinement):

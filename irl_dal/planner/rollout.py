@@ -4,8 +4,6 @@ Compiled, because the energies roll a plan out in every reverse step. The arc of
 along its middle heading; `shield/vehicle.py` is the same bicycle in CasADi.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 
@@ -16,15 +14,10 @@ from irl_dal.shortcuts import compiled
 
 
 class BrakingTail(NamedTuple):
-    """What comes after the last command of a plan: braking to a stop with the steering held.
+    """What comes after the last command of a plan: braking to a stop with the steering held."""
 
-    Attributes:
-        deceleration: [m/s^2].
-        points: Poses on the way, evenly spaced.
-    """
-
-    deceleration: float
-    points: int = 4
+    deceleration: float  # [m/s^2]
+    points: int = 4  # Poses on the way, evenly spaced
 
     def driven(self, speed: float, others: Array) -> Array:
         """Time (points, P) [s] that times a velocity gives the way of others that brake as hard.
@@ -40,8 +33,7 @@ class BrakingTail(NamedTuple):
         return braked * (1.0 - 0.5 * braked / np.maximum(stop, 1e-9))
 
 
-NO_TAIL = BrakingTail(1.0, 0)
-"""Nothing comes after the plan."""
+NO_TAIL = BrakingTail(1.0, 0)  # Nothing comes after the plan
 
 
 class EgoRollout(NamedTuple):
@@ -49,24 +41,16 @@ class EgoRollout(NamedTuple):
 
     N is H plus the points of the braking tail. `cos` and `sin` of the middle heading of each step,
     and the rest, are for the derivative.
-
-    Attributes:
-        x: Position after each step (B, N) [m].
-        y: Position after each step (B, N) [m], left.
-        heading: Heading after each step (B, N) [rad].
-        along: Arc driven in each step (B, N) [m].
-        per_speed: Its derivative with respect to the commanded speed (B, N) [s].
-        bend: Curvature driven in each step (B, N) [1/m].
     """
 
-    x: Array
-    y: Array
-    heading: Array
+    x: Array  # Position after each step (B, N) [m]
+    y: Array  # Position after each step (B, N) [m], left
+    heading: Array  # Heading after each step (B, N) [rad]
     cos: Array
     sin: Array
-    along: Array
-    per_speed: Array
-    bend: Array
+    along: Array  # Arc driven in each step (B, N) [m]
+    per_speed: Array  # Its derivative with respect to the commanded speed (B, N) [s]
+    bend: Array  # Curvature driven in each step (B, N) [1/m]
     wheelbase: float
     horizon: int
 
@@ -122,41 +106,28 @@ def ego_gradient(ego: EgoRollout, dx: Array, dy: Array, dheading: Array) -> Arra
 
 
 class LanePose(NamedTuple):
-    """Where the car is in its lane, which bends as a clothoid.
+    """Where the car is in its lane, which bends as a clothoid."""
 
-    Attributes:
-        offset: Lateral offset [m], positive left of the home lane's centre.
-        heading: Heading error [rad].
-        curvature: Of the lane here [1/m], positive left.
-        curvature_rate: Its change along the driven arc [1/m^2].
-    """
-
-    offset: float
-    heading: float
-    curvature: float
-    curvature_rate: float = 0.0
+    offset: float  # Lateral offset [m], positive left of the home lane's centre
+    heading: float  # Heading error [rad]
+    curvature: float  # Of the lane here [1/m], positive left
+    curvature_rate: float = 0.0  # Its change along the driven arc [1/m^2]
 
 
 class RoadRollout(NamedTuple):
     """Lateral offset and heading error along the lane, to first order in offset * curvature.
 
     `cos` and `sin` of the middle heading error of each step, and the rest, are for the derivative.
-
-    Attributes:
-        offset: Lateral offset after each step (B, H) [m], positive left of the home lane's centre.
-        heading: Heading error after each step (B, H) [rad].
-        along: Arc driven in each step (B, H) [m].
-        steer: Curvature driven in each step (B, H) [1/m].
-        bend: The same relative to the lane (B, H) [1/m].
     """
 
+    # Lateral offset after each step (B, H) [m], positive left of the home lane's centre
     offset: Array
-    heading: Array
+    heading: Array  # Heading error after each step (B, H) [rad]
     cos: Array
     sin: Array
-    along: Array
-    steer: Array
-    bend: Array
+    along: Array  # Arc driven in each step (B, H) [m]
+    steer: Array  # Curvature driven in each step (B, H) [1/m]
+    bend: Array  # The same relative to the lane (B, H) [1/m]
     wheelbase: float
     dt: float
     curvature_rate: float

@@ -11,8 +11,6 @@ Every reverse step has the form x_{k'} = a * clean + b * x_k + sigma * z, so a s
 | `sigma`  | square root of the posterior variance (DDPM); 0 (DDIM)       |
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -26,29 +24,20 @@ from irl_dal.planner.noise_schedule import NoiseSchedule
 
 Prediction = Literal["x0", "epsilon"]
 
+# (noisy (B, H, 2), index into the table) to the network's output (B, H, 2)
 Predict = Callable[[Array, int], NDArray[np.floating[Any]]]
-"""(noisy (B, H, 2), index into the table) to the network's output (B, H, 2)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Transitions:
-    """Coefficients of the reverse steps, first to last, read-only arrays of length S.
+    """Coefficients of the reverse steps, first to last, read-only arrays of length S."""
 
-    Attributes:
-        k: Diffusion step that each reverse step starts from, T first.
-        clean_factor: a.
-        noisy_factor: b.
-        sigma: Standard deviation of the fresh noise; 0 at the last step.
-        signal: sqrt(alpha-bar_k).
-        noise: sqrt(1 - alpha-bar_k).
-    """
-
-    k: NDArray[np.int64]
-    clean_factor: Array
-    noisy_factor: Array
-    sigma: Array
-    signal: Array
-    noise: Array
+    k: NDArray[np.int64]  # Diffusion step that each reverse step starts from, T first
+    clean_factor: Array  # a
+    noisy_factor: Array  # b
+    sigma: Array  # Standard deviation of the fresh noise; 0 at the last step
+    signal: Array  # Sqrt(alpha-bar_k)
+    noise: Array  # Sqrt(1 - alpha-bar_k)
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

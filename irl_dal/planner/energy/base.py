@@ -1,7 +1,5 @@
 """What an energy is."""
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from typing import ClassVar
 

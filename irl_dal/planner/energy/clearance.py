@@ -1,7 +1,5 @@
 """Obstacle avoidance, E_lidar."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -14,11 +12,8 @@ from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_roll
 from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits, VehicleGeometry
 
-DISCS = 3
-"""Discs that cover the car, one for each third of its length."""
-
-OBJECT_SIZE = 3.0
-"""Returns within this distance of the nearest one move with it [m]; about a car."""
+DISCS = 3  # Discs that cover the car, one for each third of its length
+OBJECT_SIZE = 3.0  # Returns within this distance of the nearest one move with it [m]; about a car
 
 
 class ClearanceEnergy(Energy):

@@ -1,7 +1,5 @@
 """The energies' numbers."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -13,40 +11,25 @@ EnergyForms = Literal["rollout", "printed"]
 
 @dataclass(frozen=True, slots=True)
 class EnergyConfig:
-    """Weights and scales of Eq. dal_energy.
+    """Weights and scales of Eq. dal_energy."""
 
-    Attributes:
-        forms: `rollout` judges where the plan takes the car; `printed` uses the paper's lane and
-            obstacle terms, which do not depend on the plan.
-        lane_weight: w_base^lane; the paper does not give it.
-        lane_scale: s_lane (Table II) [m].
-        clearance_weight: w_base^lidar; the paper does not give it.
-        safe_clearance: d_safe^plan [m]; the trigger distance of Table II.
-        clearance_scale: s_lidar (Table II) [m].
-        braking: The obstacle term also looks at the way on which the car stops after the plan with
-            this deceleration [m/s^2], so that a plan leaves room to brake; None looks at the plan
-            alone, 0.8 s.
-        jerk_weight: w_jerk (Table II).
-        stability_weight: w_stab (Table II).
-        slowest_reference: v_ref is the last executed speed, but at least this [m/s]: otherwise a
-            car at rest is held at rest. The paper does not say what v_ref is.
-        expert_weight: w_exp (Table II).
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
+    # `rollout` judges where the plan takes the car; `printed` uses the paper's lane and obstacle
+    # terms, which do not depend on the plan
     forms: EnergyForms = "rollout"
-    lane_weight: float = 1.0
-    lane_scale: float = 0.5
-    clearance_weight: float = 1.0
-    safe_clearance: float = 3.0
-    clearance_scale: float = 2.0
+    lane_weight: float = 1.0  # w_base^lane; the paper does not give it
+    lane_scale: float = 0.5  # s_lane (Table II) [m]
+    clearance_weight: float = 1.0  # w_base^lidar; the paper does not give it
+    safe_clearance: float = 3.0  # d_safe^plan [m]; the trigger distance of Table II
+    clearance_scale: float = 2.0  # s_lidar (Table II) [m]
+    # The obstacle term also looks at the way on which the car stops after the plan with this
+    # deceleration [m/s^2], so that a plan leaves room to brake; None looks at the plan alone, 0.8 s
     braking: float | None = 4.0
-    jerk_weight: float = 0.1
-    stability_weight: float = 0.5
+    jerk_weight: float = 0.1  # w_jerk (Table II)
+    stability_weight: float = 0.5  # w_stab (Table II)
+    # v_ref is the last executed speed, but at least this [m/s]: otherwise a car at rest is held at
+    # rest. The paper does not say what v_ref is.
     slowest_reference: float = 3.0
-    expert_weight: float = 2.0
+    expert_weight: float = 2.0  # w_exp (Table II)
 
     def __post_init__(self) -> None:
         if self.forms not in get_args(EnergyForms):

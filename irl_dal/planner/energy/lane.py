@@ -1,7 +1,5 @@
 """Lane adherence, E_lane."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
@@ -15,9 +13,9 @@ from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
 from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
 
+# The offset is judged where the heading leads within this time [s], so that guidance neither swings
+# nor undoes a change of lane
 PREVIEW = 1.0
-"""The offset is judged where the heading leads within this time [s], so that guidance neither
-swings nor undoes a change of lane."""
 
 
 class LaneEnergy(Energy):

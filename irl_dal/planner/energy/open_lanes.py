@@ -4,16 +4,13 @@ E_lane pulls a plan to the nearest open lane's centre. Pulled to the nearest of 
 oncoming one in the passing lane would be pulled into its path.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from expert import LaneMap
 from expert.fsm import BESIDE, CORRIDOR
 from irl_dal.planner.context import PlanningContext
 
-SIGHT = 25.0
-"""A lane is open where this much of it is free, from the front bumper [m]."""
+SIGHT = 25.0  # A lane is open where this much of it is free, from the front bumper [m]
 
 
 def open_lanes(context: PlanningContext) -> tuple[float, ...]:

@@ -1,7 +1,5 @@
 """Terms on the actions themselves: E_jerk, E_stability and E_expert."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The composite energy, Eq. dal_energy."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from irl_dal.planner.arrays import Array
