@@ -61,10 +61,7 @@ class Pedestrian:
     def blocks(self, offset: float, speed: float, room: float) -> bool:
         """Whether the pedestrian is in the car's path, or will be before it has passed.
 
-        Args:
-            offset: Where the car drives [m].
-            speed: Of the car [m/s].
-            room: Sideways distance at which a pedestrian is out of the way [m].
+        The car drives at `offset` [m] with `speed` [m/s]; `room` as in `CrossingConfig` [m].
         """
         past = self.direction * (self.d - offset)
         if past > room:
@@ -74,12 +71,9 @@ class Pedestrian:
 
 
 class CrossingWatch:
-    """Tells pedestrians from other narrow clusters that are followed from scan to scan.
+    """Tells pedestrians from other narrow clusters that are followed from scan to scan, `dt` [s].
 
-    Args:
-        config: What counts as a pedestrian.
-        dt: Time between two scans [s].
-        mount: From the rear axle to the scanner [m].
+    `mount` leads from the rear axle to the scanner [m].
     """
 
     def __init__(self, config: CrossingConfig, dt: float, mount: float) -> None:
@@ -98,10 +92,7 @@ class CrossingWatch:
     def update(self, lanes: LaneMap, speed: float, yaw_rate: float) -> list[Pedestrian]:
         """Take a scan; pedestrians on the own direction's lanes and their edges.
 
-        Args:
-            lanes: The scan in the lanes.
-            speed: Since the last scan [m/s].
-            yaw_rate: Since the last scan [rad/s].
+        `speed` [m/s] and `yaw_rate` [rad/s] are the car's since the last scan.
         """
         self._scans += 1
         people = []

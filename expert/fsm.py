@@ -13,13 +13,7 @@ from expert.lateral import LateralConfig, steer
 from expert.longitudinal import PREVIEW, LongitudinalConfig, bend_speed, stopping_speed
 from expert.modes import Mode
 from expert.neighbour import Neighbour
-from shield import (
-    ActuatorLimits,
-    LaneEstimate,
-    LaneGeometry,
-    ScannerGeometry,
-    VehicleGeometry,
-)
+from shield import ActuatorLimits, LaneEstimate, LaneGeometry, ScannerGeometry, VehicleGeometry
 from shield.arguments import check_positive
 from shield.estimation.scan import ScanFilter
 
@@ -40,6 +34,7 @@ MAX_LAG = 1.5  # [m] distance to the target offset at which the target restarts 
 SETTLED = 0.7  # [m] offset to a lane's centre at which a lane change is over
 PACE_TIME = 0.6  # [s] time constant of the speed for bends: the estimate of a bend is noisy
 INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
+SCANNER, VEHICLE, LANES = ScannerGeometry(), VehicleGeometry(), LaneGeometry()
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +48,6 @@ class ExpertConfig:
     shift_acceleration: float = 1.5  # At which that speed rises and falls [m/s^2]
     avoidance_speed: float = 7.0  # Set-point next to obstacles [m/s]
     lateral: LateralConfig = field(default_factory=LateralConfig)  # Gains of the steering cascade
-    # How fast the expert drives
     longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
     crossing: CrossingConfig = field(default_factory=CrossingConfig)  # What counts as a pedestrian
 
@@ -67,9 +61,7 @@ class ExpertDecision:
     """What the expert does in a state."""
 
     setpoint: Array  # Where the controllers want to be (2,) [rad, m/s]: the label a* of imitation
-    # The set-point slew-limited from the last executed command (2,) [rad, m/s]: what the expert
-    # executes
-    command: Array
+    command: Array  # Slew-limited from the last executed one (2,) [rad, m/s]: what it executes
     mode: Mode  # Driving mode
 
 
@@ -82,13 +74,6 @@ class FSMExpert:
     | Obstacle Avoidance | passing | the car has arrived in the passing lane |
     | Driving Straight | passing | the home lane is free again, the neighbour left behind |
     | Returning | home | the car has arrived, or the home lane is blocked again |
-
-    Args:
-        config: Thresholds and gains.
-        limits: What the actuators can do.
-        scanner: Where the beams of the scans point.
-        vehicle: Outline of the car.
-        lanes: Lanes of the own direction.
     """
 
     def __init__(
@@ -96,15 +81,14 @@ class FSMExpert:
         config: ExpertConfig,
         limits: ActuatorLimits,
         *,
-        scanner: ScannerGeometry | None = None,
-        vehicle: VehicleGeometry | None = None,
-        lanes: LaneGeometry | None = None,
+        scanner: ScannerGeometry = SCANNER,
+        vehicle: VehicleGeometry = VEHICLE,
+        lanes: LaneGeometry = LANES,
     ) -> None:
         self._config = config
         self._limits = limits
-        self._scanner = ScannerGeometry() if scanner is None else scanner
-        vehicle = VehicleGeometry() if vehicle is None else vehicle
-        self._passing_lane = (LaneGeometry() if lanes is None else lanes).width
+        self._scanner = scanner
+        self._passing_lane = lanes.width
         self._body = 0.5 * vehicle.width + BODY_MARGIN
         self._scan_filter = ScanFilter(self._scanner.max_range)
         self._watch = CrossingWatch(config.crossing, limits.dt, self._scanner.mount)
@@ -121,29 +105,21 @@ class FSMExpert:
             part.reset()
 
     def act(self, scan: Array, lane: LaneEstimate, speed: float, previous: Array) -> ExpertDecision:
-        """Decide for the current state.
+        """Decide by a scan (beams,) [m], the `speed` [m/s] and the last command (2,) [rad, m/s].
 
-        Args:
-            scan: LiDAR ranges (beams,) [m]. While they are unusable (too few beams work, or none
-                changes) the expert drives at `blind_speed`.
-            lane: Estimated lane pose.
-            speed: Measured forward speed [m/s].
-            previous: Last executed command (2,) [rad, m/s].
-
-        Raises:
-            ValueError: A scan of another number of beams than the scanner's.
+        While the scan is unusable (too few beams work, or none changes) the expert drives at
+        `blind_speed`. `ValueError` for a scan of another number of beams than the scanner's.
         """
-        if np.shape(scan) != (self._scanner.beams,):
-            raise ValueError(
-                f"`scan` must have shape ({self._scanner.beams},). Got {np.shape(scan)}."
-            )
+        beams = self._scanner.beams
+        if np.shape(scan) != (beams,):
+            raise ValueError(f"`scan` must have shape ({beams},). Got {np.shape(scan)}.")
         clean = self._scan_filter.examine(scan, speed)
         lanes = LaneMap.build(clean.ranges, lane, self._scanner)
         yaw_rate = speed * math.tan(float(previous[0])) / self._limits.wheelbase
         people = self._watch.update(lanes, speed, yaw_rate)
         for person in people:
             lanes = lanes.without(person.s, person.d, PEDESTRIAN_RADIUS)
-        self._choose_mode(lanes, lane, speed)
+        self._mode = self._next_mode(lanes, lane, speed)
         target, rate = self._shift(lane.lateral_offset, speed)
         fastest = min(self._follow_bend(lane), self._stop(lanes, lane, people, target, speed))
         if self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT):
@@ -168,16 +144,13 @@ class FSMExpert:
         fall = np.array([limits.max_steering_rate, limits.max_deceleration])
         return np.clip(setpoint, previous - fall * steps, previous + rise * steps)
 
-    def _choose_mode(self, lanes: LaneMap, lane: LaneEstimate, speed: float) -> None:
+    def _next_mode(self, lanes: LaneMap, lane: LaneEstimate, speed: float) -> Mode:
         """The next mode, by the free distances in the two lanes."""
         home = lanes.gap(0.0, CORRIDOR, -BESIDE)
         flank = lanes.gap(0.0, FLANK, -BESIDE)
         home = min(home, flank) if flank < FLANK_REACH else home
         passing = lanes.gap(self._passing_lane, CORRIDOR, -BESIDE)
         self._neighbour.update(home, speed)
-        self._mode = self._next_mode(home, passing, lane, speed)
-
-    def _next_mode(self, home: float, passing: float, lane: LaneEstimate, speed: float) -> Mode:
         mode, offset, sight = self._mode, lane.lateral_offset, self._config.sight
         if mode in (Mode.LANE_FOLLOWING, Mode.RETURNING):
             if home < sight and passing > min(home + MIN_ADVANTAGE, sight):

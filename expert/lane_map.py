@@ -4,7 +4,8 @@ A lane sensor's clothoid and a scan become, for each lane, the free distance ahe
 something is beside the car.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,10 +29,11 @@ class LaneMap:
     lane: LaneEstimate  # The lane that they were placed in
     mount: float  # From the rear axle to the scanner [m]
 
-    def without(self, s: float, d: float, radius: float) -> LaneMap:
+    def without(self, s: float, d: float, radius: float) -> Self:
         """The map without the points around (s, d) [m]."""
         keep = np.hypot(self.s - s, self.d - d) > radius
-        return LaneMap(self.s[keep], self.d[keep], self.points[keep], self.lane, self.mount)
+        s_kept, d_kept, points = self.s[keep], self.d[keep], self.points[keep]
+        return replace(self, s=s_kept, d=d_kept, points=points)
 
     def heading_at(self, s: float) -> float:
         """Direction of the lane at `s` [m] from the scanner, relative to the car's [rad]."""
@@ -39,14 +41,8 @@ class LaneMap:
         return lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
 
     @classmethod
-    def build(cls, scan: Array, lane: LaneEstimate, scanner: ScannerGeometry) -> LaneMap:
-        """Place the points of a scan.
-
-        Args:
-            scan: Ranges (beams,), beam 0 at the right [m].
-            lane: Pose and clothoid of the home lane.
-            scanner: Where the beams point.
-        """
+    def build(cls, scan: Array, lane: LaneEstimate, scanner: ScannerGeometry) -> Self:
+        """Place the points of a scan (beams,) [m], beam 0 at the right, in the home lane."""
         ranges = np.asarray(scan, dtype=np.float64)
         hit = scanner.returned(ranges)
         bearing = scanner.angles[hit]
@@ -56,9 +52,8 @@ class LaneMap:
         heading = lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
         step = np.stack([np.cos(heading), np.sin(heading)], axis=1)
         centre = SPACING * (np.cumsum(step, axis=0) - 0.5 * step)
-        foot = -lane.lateral_offset * np.array(
-            [np.sin(lane.heading_error), np.cos(lane.heading_error)]
-        )
+        aside = np.sin(lane.heading_error), np.cos(lane.heading_error)
+        foot = -lane.lateral_offset * np.array(aside)
         centre += foot - centre[round(BEHIND / SPACING)]
         gap = points[:, None, :] - centre[None, :, :]
         nearest = np.argmin(np.einsum("nmk,nmk->nm", gap, gap), axis=1)
@@ -70,23 +65,13 @@ class LaneMap:
         return cls(s - scanner.mount, d, points, lane, scanner.mount)
 
     def gap(self, centre: float, half_width: float, start: float = 0.0) -> float:
-        """Free distance from the scanner in the strip around offset `centre` [m].
-
-        Args:
-            centre: Offset of the strip's middle [m].
-            half_width: Half of its width [m].
-            start: Points behind this distance from the scanner do not count [m].
-        """
+        """Free distance from `start` on [m] in the strip around offset `centre` [m]."""
         return self._first(np.abs(self.d - centre) < half_width, start)
 
     def gap_on_the_way(self, offset: float, goal: float, slope: float, half_width: float) -> float:
-        """Free distance from the scanner in the strip that a lane change sweeps [m].
+        """Free distance from the scanner in the strip that a change of lane sweeps [m].
 
-        Args:
-            offset: Where the car is [m].
-            goal: Offset at the end of the lane change [m].
-            slope: Sideways per forward movement, positive.
-            half_width: Half of the strip's width [m].
+        It goes from `offset` to `goal` [m], `slope` sideways per forward movement.
         """
         reach = slope * np.maximum(self.s, 0.0)
         way = offset + np.clip(goal - offset, -reach, reach)

@@ -23,8 +23,7 @@ class LateralConfig:
     max_approach: float = 0.5  # Largest angle at which the lane's centre is approached [rad]
 
     def __post_init__(self) -> None:
-        check_positive(ValueError, offset_time=self.offset_time, heading_time=self.heading_time)
-        check_positive(ValueError, max_approach=self.max_approach)
+        check_positive(ValueError, **{name: getattr(self, name) for name in self.__slots__})
 
 
 def parallel_curvature(curvature: float, offset: float) -> float:
@@ -51,17 +50,9 @@ def steer(
 
     so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
     curvature is that of a parallel line, kappa / (1 - kappa · e). psi is the heading error that
-    there will be once the steering, at its full rate, has come back from where it is to the lane's
-    curvature: a slow car turns far within that time.
-
-    Args:
-        config: Gains.
-        lane: Estimated lane pose and curvature.
-        target: Target offset to the left of the home lane's centre [m].
-        target_rate: Speed at which that offset moves to the left [m/s].
-        speed: Forward speed [m/s].
-        previous: Steering angle now [rad].
-        limits: Wheelbase and steering rate.
+    there will be once the steering, at its full rate, has come back from where it is (`previous`)
+    to the lane's curvature: a slow car turns far within that time. `target` [m] and `target_rate`
+    [m/s] are of the offset to the left of the home lane's centre.
     """
     v = max(speed, MIN_SPEED)
     error = lane.lateral_offset - target

@@ -19,8 +19,7 @@ class LongitudinalConfig:
 
     cruise_speed: float = 9.0  # On a free straight [m/s]
     lateral_acceleration: float = 2.0  # Comfortable in bends [m/s^2]; ISO 22179 suggests 2 to 2.5
-    # Comfortable when there is room again [m/s^2]; the actuators can do more
-    acceleration: float = 1.5
+    acceleration: float = 1.5  # Comfortable when there is room again [m/s^2]
     deceleration: float = 2.0  # Planned when something is ahead [m/s^2]
     standoff: float = 4.0  # Distance to stop behind an obstacle [m]
     blind_speed: float = 3.0  # While the lane is not seen or the scan is unusable [m/s]
@@ -33,10 +32,6 @@ def bend_speed(config: LongitudinalConfig, lane: LaneEstimate) -> float:
     """Speed at which the lane's bends are comfortable, sqrt(a_lat / |kappa|), at most cruise [m/s].
 
     While the lane is not seen, `blind_speed`.
-
-    Args:
-        config: How fast the expert drives.
-        lane: Estimated lane pose and curvature.
     """
     if not lane.valid:
         return config.blind_speed
@@ -47,13 +42,9 @@ def bend_speed(config: LongitudinalConfig, lane: LaneEstimate) -> float:
 
 
 def stopping_speed(config: LongitudinalConfig, gap: float) -> float:
-    """Speed from which the car stops in front of what is ahead [m/s].
+    """Speed from which the car stops in front of what is `gap` [m] ahead [m/s].
 
-        v = max(v_creep, sqrt(2 · a · (gap - standoff))), and 0 once the gap is below `CREEP_GAP`.
-
-    Args:
-        config: How fast the expert drives.
-        gap: Free distance ahead in the lane that is being driven [m].
+    v = max(v_creep, sqrt(2 · a · (gap - standoff))), and 0 once the gap is below `CREEP_GAP`.
     """
     if gap <= CREEP_GAP:
         return 0.0

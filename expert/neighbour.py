@@ -18,15 +18,8 @@ CHANGE_TIME = 1.0  # [s] from the beginning of a lane change until the lanes ove
 class Neighbour:
     """The nearest vehicle in the home lane, and the one that went out of sight beside the car.
 
-    Args:
-        clear: Gap from which the home lane counts as free [m].
-        hold: Least distance to drive with a free home lane before going back [m].
-        dt: Time between two scans [s].
-        length: Of the car [m].
-
-    Attributes:
-        speed: Of the nearest vehicle, along the lane [m/s].
-        behind: How far the bumper is ahead of the vehicle last lost beside the car [m].
+    From a gap `clear` [m] the home lane counts as free; `hold` [m] is the least distance to drive
+    with it free before going back, `length` [m] the car's, `dt` [s] the time between two scans.
     """
 
     def __init__(self, clear: float, hold: float, dt: float, length: float) -> None:
@@ -41,16 +34,11 @@ class Neighbour:
         self._places: deque[float] = deque(maxlen=MEMORY)
         self._gap = math.inf
         self._driven = self._free_for = 0.0
-        self.speed = self._lost_speed = 0.0
-        self.behind = math.inf
+        self.speed = self._lost_speed = 0.0  # Of the nearest vehicle, along the lane [m/s]
+        self.behind = math.inf  # Bumper ahead of the vehicle last lost beside the car [m]
 
     def update(self, gap: float, speed: float) -> None:
-        """Take what the last scan says.
-
-        Args:
-            gap: From the bumper to the nearest point in the home lane [m]; infinite without any.
-            speed: Of the car since the last scan [m/s].
-        """
+        """Take the `gap` [m] to the nearest point in the home lane and the car's `speed` [m/s]."""
         self._driven += speed * self._dt
         self._free_for = 0.0 if gap < self._clear else self._free_for + speed * self._dt
         change = gap - self._gap + (speed - self.speed) * self._dt

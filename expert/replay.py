@@ -7,24 +7,65 @@
 | `Transition.command` | the executed action; the planner's chunks {a_t ... a_t+H-1} are of these |
 | `balanced=True` | sampling evenly across the FSM states |
 
-Storage is reserved at once but costs memory only as it fills: the pages of `np.zeros` are committed
-by the first write.
+Storage is reserved at once but costs memory only as it fills: `np.zeros` commits on first write.
 """
 
 from collections import deque
 from collections.abc import Iterable, Mapping
-from typing import Any
+from dataclasses import dataclass, fields
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from expert.modes import Mode
-from expert.transition import ReplayBatch, Transition
 
 Indices = NDArray[np.int64]
 
 # Sources of samples: all transitions, those that the expert drove, intervened steps
 SOURCES = ("all", "expert", "corrected")
+
+
+@dataclass(frozen=True, slots=True)
+class Transition:
+    """One control step, as it is stored."""
+
+    image: NDArray[np.uint8]  # Camera frame (64, 64, 3), uint8
+    lidar: NDArray[np.float32]  # Ranges (180,) [m]
+    speed: NDArray[np.float32]  # Measured speed (1,) [m/s]
+    context: NDArray[np.float32]  # The planner's conditioning vector (64,), normalised
+    # What the expert would do in this state, its set-point (2,), normalised
+    label: NDArray[np.float32]
+    command: NDArray[np.float32]  # What was executed (2,), normalised
+    mode: Mode  # FSM state of the expert
+    episode: int  # Number of the episode, never used twice
+    step: int  # Step within the episode
+    reward: float  # Environment reward of the step
+    terminated: bool  # The step ended the episode (not by a time limit)
+    intervened: bool  # The planner acted on this step: the marker of experience correction
+    expert_drove: bool  # `command` is the expert's
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayBatch:
+    """B stored transitions (copies)."""
+
+    images: NDArray[np.uint8]  # (B, 64, 64, 3) uint8
+    lidar: NDArray[np.float32]  # (B, 180) [m]
+    speeds: NDArray[np.float32]  # (B, 1) [m/s]
+    labels: NDArray[np.float32]  # Expert set-points (B, 2), normalised
+    commands: NDArray[np.float32]  # Executed commands (B, 2), normalised
+    modes: NDArray[np.int8]  # (B,)
+    intervened: NDArray[np.bool_]  # (B,)
+
+    def __len__(self) -> int:
+        return len(self.labels)
+
+    @classmethod
+    def join(cls, first: Self, second: Self) -> Self:
+        """Both batches, one after the other."""
+        names = [entry.name for entry in fields(cls)]
+        return cls(*(np.concatenate([getattr(b, name) for b in (first, second)]) for name in names))
 
 
 class ReplayBuffer:
@@ -34,13 +75,8 @@ class ReplayBuffer:
     modes stay. Every `held_out_every`-th episode is kept out of training, for validation; the
     split goes by episode because neighbouring frames are nearly the same.
 
-    Args:
-        capacity: Transitions over all partitions (Table II: 50,000).
-        horizon: Length H of the planner's chunks (Table II: 8).
-        held_out_every: An episode in this many is held out.
-
-    Raises:
-        ValueError: If a size is not positive or `held_out_every` is below 2.
+    `capacity` counts the transitions over all partitions (Table II: 50,000), `horizon` is the
+    length H of the planner's chunks (Table II: 8). `ValueError` for sizes that are not positive.
     """
 
     def __init__(
@@ -53,31 +89,24 @@ class ReplayBuffer:
         context_size: int = 64,
         held_out_every: int = 10,
     ) -> None:
-        for name, value, least in (
-            ("capacity", capacity, 1),
-            ("horizon", horizon, 1),
-            ("held_out_every", held_out_every, 2),
-        ):
+        sizes = {"capacity": (capacity, 1), "horizon": (horizon, 1)}
+        for name, (value, least) in {**sizes, "held_out_every": (held_out_every, 2)}.items():
             if value < least:
                 raise ValueError(f"`{name}` must be at least {least}. Got {value}.")
         self.capacity, self.horizon = capacity, horizon
         self.held_out_every = held_out_every
         self._data: dict[str, NDArray[Any]] = {
             "image": np.zeros((capacity, *image_shape), np.uint8),
-            "lidar": np.zeros((capacity, beams), np.float32),
-            "speed": np.zeros((capacity, 1), np.float32),
-            "context": np.zeros((capacity, context_size), np.float32),
-            "label": np.zeros((capacity, 2), np.float32),
-            "command": np.zeros((capacity, 2), np.float32),
             "mode": np.zeros(capacity, np.int8),
-            "episode": np.zeros(capacity, np.int64),
-            "step": np.zeros(capacity, np.int64),
             "reward": np.zeros(capacity, np.float32),
-            "terminated": np.zeros(capacity, np.bool_),
-            "intervened": np.zeros(capacity, np.bool_),
-            "expert_drove": np.zeros(capacity, np.bool_),
-            "serial": np.zeros(capacity, np.int64),
         }
+        widths = {"lidar": beams, "speed": 1, "context": context_size, "label": 2, "command": 2}
+        for name, width in widths.items():
+            self._data[name] = np.zeros((capacity, width), np.float32)
+        for name in ("episode", "step", "serial"):
+            self._data[name] = np.zeros(capacity, np.int64)
+        for name in ("terminated", "intervened", "expert_drove"):
+            self._data[name] = np.zeros(capacity, np.bool_)
         self._following, self._preceding = np.full((2, capacity), -1, np.int64)
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
@@ -104,14 +133,11 @@ class ReplayBuffer:
     def add(self, transition: Transition) -> None:
         """Store a transition, dropping the oldest of the fullest partition if there is no room.
 
-        Raises:
-            ValueError: If an array has another shape than the buffer's.
+        `ValueError` for an array of another shape than the buffer's.
         """
-        values: dict[str, Any] = {
-            name: getattr(transition, name) for name in self._data if name != "serial"
-        }
-        for name in ("image", "lidar", "speed", "context", "label", "command"):
-            expected, got = self._data[name].shape[1:], np.shape(values[name])
+        values = {entry.name: getattr(transition, entry.name) for entry in fields(transition)}
+        for name, value in values.items():
+            expected, got = self._data[name].shape[1:], np.shape(value)
             if got != expected:
                 raise ValueError(f"`{name}` must have shape {expected}. Got {got}.")
         self._insert(values | {"serial": self._counter})
@@ -125,17 +151,10 @@ class ReplayBuffer:
         held_out: bool = False,
         source: str = "all",
     ) -> ReplayBatch:
-        """Draw transitions with replacement.
+        """Draw B = `size` transitions of a source (one of `SOURCES`) with replacement.
 
-        Args:
-            rng: Source of randomness.
-            size: Number B of transitions.
-            balanced: Evenly over the modes that have any; otherwise each transition is as likely.
-            held_out: Draw from the validation split.
-            source: One of `SOURCES`.
-
-        Raises:
-            ValueError: If nothing qualifies or `source` is unknown.
+        Balanced evenly over the modes that have any; otherwise each transition is as likely.
+        `held_out` draws from the validation split. `ValueError` if nothing qualifies.
         """
         return self.gather(self._draw(rng, size, self._groups(source, held_out), balanced))
 
@@ -147,19 +166,10 @@ class ReplayBuffer:
         balanced: bool = True,
         held_out: bool = False,
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-        """Draw stretches of consecutive commands that the expert executed.
-
-        Args:
-            rng: Source of randomness.
-            size: Number B of chunks.
-            balanced: Evenly over the modes of the first step.
-            held_out: Draw from the validation split.
+        """Draw B = `size` stretches of consecutive commands that the expert executed, as `sample`.
 
         Returns:
             Contexts of the first steps (B, 64) and commands (B, H, 2), normalised.
-
-        Raises:
-            ValueError: If there is no stretch of H steps.
         """
         slots = self._draw(rng, size, self._groups("chunk", held_out), balanced)
         steps = [slots]
@@ -173,31 +183,17 @@ class ReplayBuffer:
 
     def gather(self, slots: Indices) -> ReplayBatch:
         """The transitions at the given places."""
-        data = self._data
-        return ReplayBatch(
-            images=data["image"][slots],
-            lidar=data["lidar"][slots],
-            speeds=data["speed"][slots],
-            labels=data["label"][slots],
-            commands=data["command"][slots],
-            modes=data["mode"][slots],
-            intervened=data["intervened"][slots],
-        )
+        names = ("image", "lidar", "speed", "label", "command", "mode", "intervened")
+        return ReplayBatch(*(self._data[name][slots] for name in names))
 
     def returns(self, gamma: float) -> tuple[Indices, NDArray[np.float32]]:
         """Discounted return of the environment reward for everything stored.
 
         Where a stretch stops without an end of the episode, the mean reward is taken to go on for
-        ever.
-
-        Args:
-            gamma: Discount factor, below 1.
+        ever. `gamma` is in [0, 1), else `ValueError`.
 
         Returns:
             Places for `gather` (N,) and returns (N,), newest first.
-
-        Raises:
-            ValueError: If `gamma` is not in [0, 1).
         """
         if not 0.0 <= gamma < 1.0:
             raise ValueError(f"`gamma` must be in [0, 1). Got {gamma}.")
@@ -219,21 +215,15 @@ class ReplayBuffer:
 
     def live(self) -> Indices:
         """Serial numbers of everything stored, oldest first."""
-        serials: Indices = self._data["serial"][self._in_order()]
-        return serials
+        return self._data["serial"][self._in_order()]
 
     def restore(
         self, shards: Iterable[Mapping[str, NDArray[Any]]], live: Indices, counter: int
     ) -> None:
-        """Become the buffer that wrote these exports: what it samples next is the same.
+        """Become the buffer that wrote the exports `shards`: what it samples next is the same.
 
-        Args:
-            shards: Exports of `export_since`, oldest first.
-            live: That buffer's `live()`; what it had dropped is skipped.
-            counter: That buffer's `counter`.
-
-        Raises:
-            ValueError: If this buffer is not empty, or the shards do not hold all of `live`.
+        `live` and `counter` are that buffer's; what it had dropped is skipped. `ValueError` if this
+        buffer is not empty, or the shards, oldest first, do not hold all of `live`.
         """
         if self._size:
             raise ValueError(f"`restore` needs an empty buffer. Got {self._size} transitions.")
@@ -298,11 +288,11 @@ class ReplayBuffer:
         return self._cache[key]
 
     def _qualifies(self, source: str) -> NDArray[np.bool_]:
-        drove = self._data["expert_drove"][: self._size]
+        drove = self._data["expert_drove"][: self._size].copy()
         if source == "all":
             return np.ones(self._size, np.bool_)
         if source == "expert":
-            return drove.copy()
+            return drove
         if source == "corrected":
             return self._data["intervened"][: self._size].copy()
         if source == "chunk":
@@ -319,13 +309,11 @@ class ReplayBuffer:
     ) -> Indices:
         if not groups:
             raise ValueError("nothing stored qualifies for this sample.")
+        slots: Indices = np.concatenate(groups)
         if not balanced:
-            everything: Indices = np.concatenate(groups)
-            return everything[rng.integers(len(everything), size=size)]
+            return slots[rng.integers(len(slots), size=size)]
         which = (np.arange(size) + rng.integers(len(groups))) % len(groups)
         lengths = np.array([len(group) for group in groups])
         within = (rng.random(size) * lengths[which]).astype(np.int64)
-        slots: Indices = np.concatenate(groups)
-        offsets = np.concatenate(([0], np.cumsum(lengths)[:-1]))
-        drawn: Indices = slots[offsets[which] + within]
-        return drawn
+        starts: Indices = np.cumsum(lengths) - lengths
+        return slots[starts[which] + within]

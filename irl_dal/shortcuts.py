@@ -15,7 +15,7 @@ without it to rounding, not to the last bit, so a run folder records which were 
 import ctypes
 from collections.abc import Callable
 from contextlib import AbstractContextManager
-from typing import TypeVar, cast
+from typing import Any, TypeVar, cast
 
 import torch
 from numba import njit
@@ -40,14 +40,11 @@ def compiled(function: Function) -> Function:
     Where none of them can be written, every process compiles anew (half a minute).
     """
 
-    def decorate(*, cache: bool) -> Function:
-        decorator = njit(cache=cache, error_model="numpy", fastmath=set(FAST_MATH))
-        return cast(Function, decorator(function))
-
+    options: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FAST_MATH)}
     try:
-        return decorate(cache=True)
+        return cast(Function, njit(cache=True, **options)(function))
     except RuntimeError:  # Numba's answer to having no folder for its cache
-        return decorate(cache=False)
+        return cast(Function, njit(cache=False, **options)(function))
 
 
 def reduced_precision() -> AbstractContextManager[None]:
@@ -64,10 +61,7 @@ def keep_freed_memory() -> bool:
 
     The activations of a gradient step are arrays of megabytes. glibc returns them when the step
     ends, and in the next one the system maps and clears every page anew. Holds for the rest of the
-    process.
-
-    Returns:
-        Whether the C library could be told (glibc's can).
+    process. False where the C library cannot be told (glibc's can).
     """
     set_option = getattr(ctypes.pythonapi, "mallopt", None)
     if set_option is None:

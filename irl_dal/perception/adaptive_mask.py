@@ -18,16 +18,13 @@ from irl_dal.perception.config import PerceptionConfig
 # d_safe of Eq. hazard_level [m]; the paper does not give it: where a car stops from 12 m/s at 6
 # m/s^2.
 SAFE_DISTANCE = 12.0
-EPSILON = 1e-6  # The epsilon of Eq. mask_norm.
+EPSILON = 1e-6  # The epsilon of Eq. mask_norm
 
 
 class LearnableAdaptiveMask(nn.Module):
     """Mask over the image rows, driven by speed and by the nearest LiDAR return.
 
     The base weight is 0 at the top row and 1 at the bottom row. Learning moves only the two alphas.
-
-    Args:
-        config: Scales and the normalisation.
     """
 
     def __init__(self, config: PerceptionConfig) -> None:
@@ -47,25 +44,14 @@ class LearnableAdaptiveMask(nn.Module):
 
     def lower_weight(self, speed_level: Tensor, hazard_level: Tensor) -> Tensor:
         """Eqs. modulation_factors and lower_weight, elementwise."""
-        speed_factor = 1.0 + self.alpha_speed * speed_level
-        hazard_factor = 1.0 + self.alpha_lidar * hazard_level
-        return speed_factor * hazard_factor
+        return (1.0 + self.alpha_speed * speed_level) * (1.0 + self.alpha_lidar * hazard_level)
 
     def largest_weight(self) -> Tensor:
         """The largest lower weight over all speeds and hazards, for alphas of at least -1."""
         return (1.0 + self.alpha_speed.clamp(min=0.0)) * (1.0 + self.alpha_lidar.clamp(min=0.0))
 
     def forward(self, speed: Tensor, lidar: Tensor, rows: int) -> Tensor:
-        """Mask of every row.
-
-        Args:
-            speed: Speed (B, 1) [m/s].
-            lidar: Scan (B, n) [m].
-            rows: Image height, at least 2.
-
-        Returns:
-            M-hat_t of shape (B, 1, rows, 1), in [0, 1].
-        """
+        """M-hat_t (B, 1, rows, 1) in [0, 1], of speed (B, 1) [m/s] and scan (B, n) [m]; rows > 1."""
         lower = self.lower_weight(self.speed_level(speed), self.hazard_level(lidar))
         ramp = torch.linspace(0.0, 1.0, rows, dtype=lower.dtype, device=lower.device)
         mask = lower * ramp  # Eq. mask_gradient, (B, rows)

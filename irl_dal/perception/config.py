@@ -13,20 +13,14 @@ MaskNormalisation = Literal["bounded", "printed"]
 class PerceptionConfig:
     """Scales and switches of the perception module."""
 
-    # v_max of Eq. speed_norm [m/s]; the fastest command the actuators take.
-    max_speed: float = 12.0
-    # Whether the mask is the image's fourth channel; off for the ablation
-    adaptive_mask: bool = True
+    max_speed: float = 12.0  # v_max of Eq. speed_norm [m/s]; the fastest command
+    adaptive_mask: bool = True  # The mask is the image's fourth channel; off for the ablation
     # What Eq. mask_norm divides by: `bounded` the largest weight that the mask can have, `printed`
     # the mask's own maximum, which cancels both learned factors.
     normalisation: MaskNormalisation = "bounded"
     initial_alpha: float = 0.5  # First value of alpha_speed and alpha_lidar (Table II)
-    # Whether the image is brought to one brightness before it is encoded, as a camera's automatic
-    # exposure does (not in the paper)
-    exposure: bool = True
-    # Whether the normalised speed K_t also enters the fusion. The paper shows it to the policy only
-    # through the mask.
-    fuse_speed: bool = True
+    exposure: bool = True  # Images are encoded at one brightness (not in the paper)
+    fuse_speed: bool = True  # K_t also enters the fusion; in the paper only the mask shows it
 
     def __post_init__(self) -> None:
         check_positive(ValueError, max_speed=self.max_speed)

@@ -23,14 +23,8 @@ FUSION_WIDTH = 256
 def channels_first(image: Tensor) -> Tensor:
     """Bring a batch of RGB images to float (B, 3, height, width) in [0, 1].
 
-    Integer images are divided by 255. Floating-point images are taken as already divided, which is
-    what stable-baselines3 hands over.
-
-    Args:
-        image: (B, 3, height, width) or (B, height, width, 3), uint8 or floating point.
-
-    Raises:
-        ValueError: Neither layout fits, or the type is neither uint8 nor floating point.
+    uint8 images are divided by 255. Floating-point images are taken as already divided, which is
+    what stable-baselines3 hands over. `ValueError` for other types and layouts.
     """
     if image.ndim != 4 or 3 not in (image.shape[1], image.shape[3]):
         raise ValueError(
@@ -47,31 +41,17 @@ def channels_first(image: Tensor) -> Tensor:
 
 
 def exposed(image: Tensor) -> Tensor:
-    """Bring images to one brightness, that of the road: the mean of the lower half.
+    """Bring images (B, 3, height, width) in [0, 1] to one brightness, that of the road below.
 
     Dark evenings then look like days with more noise, and what is learnt by day serves at night.
-
-    Args:
-        image: (B, 3, height, width) in [0, 1].
-
-    Returns:
-        The same shape; the lower half of each image has the mean `EXPOSURE`.
+    The lower half of each image has the mean `EXPOSURE`.
     """
     level = image[:, :, image.shape[2] // 2 :].mean(dim=(1, 2, 3), keepdim=True)
     return image * (EXPOSURE / (level + DARKNESS))
 
 
 class ImageEncoder(nn.Module):
-    """Three convolutions (kernels 5, 3, 3, stride 2, ReLU) and a flatten: z_vision.
-
-    Args:
-        channels: Input channels, 4 with the mask.
-        height: Image rows.
-        width: Image columns.
-
-    Attributes:
-        features: Length of z_vision.
-    """
+    """Three convolutions (kernels 5, 3, 3, stride 2, ReLU) and a flatten: z_vision (`features`,)."""
 
     def __init__(self, channels: int, height: int, width: int) -> None:
         super().__init__()
@@ -89,18 +69,11 @@ class ImageEncoder(nn.Module):
             self.features = int(self.layers(torch.zeros(1, channels, height, width)).shape[1])
 
     def forward(self, image: Tensor, mask: Tensor | None = None) -> Tensor:
-        """Image and mask to z_vision.
+        """Image (B, 3, height, width) and mask (B, 1, height, 1) or None to z_vision.
 
         The mask is Eq. 4channel's fourth channel. It is the same along each row, so its share of
         the first convolution is one down the rows; and the image then needs no gradient, which was
         a third of a training step.
-
-        Args:
-            image: (B, 3, height, width).
-            mask: (B, 1, height, 1), or None for an encoder of three channels.
-
-        Returns:
-            (B, features).
         """
         first = self.layers[0]
         assert isinstance(first, nn.Conv2d)
@@ -112,17 +85,11 @@ class ImageEncoder(nn.Module):
             # Laid out in full and channels last: adding a broadcast one takes three times as long.
             rows = down_rows.transpose(1, 2)[:, :, None].expand(-1, -1, hidden.shape[3], -1)
             hidden = hidden + rows.contiguous().permute(0, 3, 1, 2)
-        features: Tensor = self.layers[1:](hidden)
-        return features
+        return self.layers[1:](hidden)
 
 
 class LidarEncoder(nn.Module):
-    """Three-layer MLP on the range-normalised scan: z_lidar.
-
-    Args:
-        beams: Beams of the scan.
-        max_range: Divisor [m]; longer ranges are clipped.
-    """
+    """Three-layer MLP on the scan, normalised by and clipped to `max_range` [m]: z_lidar."""
 
     def __init__(self, beams: int, max_range: float) -> None:
         super().__init__()
@@ -138,29 +105,22 @@ class LidarEncoder(nn.Module):
 
     def forward(self, lidar: Tensor) -> Tensor:
         """Scan (B, beams) [m] to z_lidar (B, 32)."""
-        features: Tensor = self.layers(lidar.clamp(0.0, self.max_range) / self.max_range)
-        return features
+        return self.layers(lidar.clamp(0.0, self.max_range) / self.max_range)
 
 
 class DrivingFeaturesExtractor(BaseFeaturesExtractor):
     """Eq. feature_fusion: s_t = MLP(concat[z_vision, z_lidar]) of 512 features.
 
     Made for stable-baselines3's `MultiInputPolicy`, whose images arrive channels first and divided
-    by 255; the camera's own uint8 (B, 64, 64, 3) is accepted as well.
-
-    Args:
-        observation_space: Dict with `image`, `lidar` [m] and `speed` [m/s].
-        config: Scales and switches; the defaults when None.
-
-    Raises:
-        ValueError: The space lacks one of the three entries, or its image has no three channels.
+    by 255; the camera's own uint8 (B, 64, 64, 3) is accepted as well. `ValueError` for a space that
+    lacks `image`, `lidar` [m] or `speed` [m/s], or whose image has no three channels.
     """
 
     def __init__(
         self, observation_space: gymnasium.spaces.Dict, config: PerceptionConfig | None = None
     ) -> None:
         super().__init__(observation_space, FEATURES)
-        self.config = PerceptionConfig() if config is None else config
+        self.config = config or PerceptionConfig()
         image, lidar = _shapes(observation_space)
         height, width = image[1:] if image[0] == 3 else image[:2]
         self.mask = LearnableAdaptiveMask(self.config) if self.config.adaptive_mask else None
@@ -174,15 +134,7 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """Observations to s_t.
-
-        Args:
-            observations: `image` as `channels_first` takes it, `lidar` (B, 180) [m], `speed` (B, 1)
-                [m/s].
-
-        Returns:
-            Features (B, 512).
-        """
+        """`image` as `channels_first` takes it, `lidar` (B, 180), `speed` (B, 1) to s_t (B, 512)."""
         lidar, speed = observations["lidar"], observations["speed"]
         image = channels_first(observations["image"])
         if self.config.exposure:
@@ -191,8 +143,7 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         parts = [self.image_encoder(image, mask), self.lidar_encoder(lidar)]
         if self.config.fuse_speed:
             parts.append((speed / self.config.max_speed).clamp(0.0, 1.0))
-        features: Tensor = self.fusion(torch.cat(parts, dim=1))
-        return features
+        return self.fusion(torch.cat(parts, dim=1))
 
 
 def _shapes(space: gymnasium.spaces.Dict) -> tuple[tuple[int, ...], tuple[int, ...]]:

@@ -6,8 +6,7 @@ from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy import EnergyConfig, TotalEnergy
 from irl_dal.planner.guidance import Guidance, GuidanceConfig
 from irl_dal.planner.noise_schedule import NoiseSchedule
-from irl_dal.planner.plan import Plan
-from irl_dal.planner.planner import DiffusionPlanner
+from irl_dal.planner.planner import DiffusionPlanner, Plan
 from irl_dal.planner.projection import PlanProjection, ProjectionMode
 from irl_dal.planner.sampler import Refinement
 

@@ -10,18 +10,11 @@ class ActionScale:
     """The affine map of `ActuatorLimits.to_command` with its numbers at hand.
 
     What reaches the actuators is never converted here: projections return commands.
-
-    Args:
-        limits: Actuators.
-
-    Attributes:
-        centre: Command of the action (0, 0), (2,) [rad, m/s].
-        half: Command change per unit of action (2,) [rad, m/s].
     """
 
     def __init__(self, limits: ActuatorLimits) -> None:
-        self.centre = 0.5 * (limits.low + limits.high)
-        self.half = 0.5 * (limits.high - limits.low)
+        self.centre = 0.5 * (limits.low + limits.high)  # Of the action (0, 0) (2,) [rad, m/s]
+        self.half = 0.5 * (limits.high - limits.low)  # Per unit of action (2,) [rad, m/s]
         self._per_half = np.divide(1.0, self.half, out=np.zeros(2), where=self.half > 0.0)
 
     def to_command(self, actions: Array) -> Array:

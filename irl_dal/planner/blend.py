@@ -34,27 +34,22 @@ class BlendConfig:
     distance_scale: float = 2.0  # s_1 (Table II) [m]
     deviation_scale: float = 0.2  # s_2 [m]: Table II's 20 px at 1 px for 1 cm
     deviation_gain: float = 0.3  # k_tanh (Table II)
-    # Whether the average also delays the critical weight, as the paper's words can be read. By
-    # default the critical weight holds at once.
+    # Whether the average also delays the critical weight, as the paper can be read
     smooth_critical: bool = False
 
     def __post_init__(self) -> None:
-        check_positive(ValueError, distance_scale=self.distance_scale)
-        check_positive(ValueError, deviation_scale=self.deviation_scale)
-        check_within(ValueError, 0.0, math.inf, critical_clearance=self.critical_clearance)
-        check_within(ValueError, 0.0, math.inf, deviation_gain=self.deviation_gain)
+        for name in ("distance_scale", "deviation_scale"):
+            check_positive(ValueError, **{name: getattr(self, name)})
+        for name in ("critical_clearance", "deviation_gain"):
+            check_within(ValueError, 0.0, math.inf, **{name: getattr(self, name)})
         check_within(ValueError, 0.0, 1.0, base=self.base)
 
 
 class ActionBlend:
-    """The blend weight w_b with its moving average.
-
-    Args:
-        config: Numbers of the blend.
-    """
+    """The blend weight w_b with its moving average."""
 
     def __init__(self, config: BlendConfig | None = None) -> None:
-        self.config = BlendConfig() if config is None else config
+        self.config = config or BlendConfig()
         self._average: float | None = None
 
     def reset(self) -> None:
@@ -80,11 +75,8 @@ class ActionBlend:
     def weight(self, clearance: float, lane_deviation: float, *, stalled: bool = False) -> float:
         """The smoothed w_b in [0, 1] of a step on which the planner is used.
 
-        Args:
-            clearance: d_min [m]; NaN counts as contact.
-            lane_deviation: d_lane [m], of either sign; NaN counts as lost.
-            stalled: Whether the policy stands still: then the planner drives alone, because a
-                share of the policy holds the wheels at an angle in between.
+        Of d_min and d_lane [m]; NaN counts as the worst case. Where the policy stands still
+        (`stalled`), the planner drives alone: a share of the policy would hold the wheels askew.
         """
         weight = 1.0 if stalled else self.instantaneous(clearance, lane_deviation)
         critical = clearance < self.config.critical_clearance or math.isnan(clearance)

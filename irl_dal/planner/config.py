@@ -22,21 +22,16 @@ CLIP = 1.0
 class PlannerConfig:
     """Settings of the diffusion planner, and when a run asks it."""
 
-    enabled: bool = True  # Whether a run has a planner
+    enabled: bool = True
     activation: Activation = "trigger"  # When it is asked: on the trigger, always or never
-    # Whether the trigger asks it also where no lane is seen and nothing is near
-    without_lane: bool = False
-    # Whether the expert's command is its reference (E_expert) in training; in an evaluation there
-    # is no expert to ask
-    expert_reference: bool = True
+    without_lane: bool = False  # The trigger asks it also where no lane is seen and nothing is near
+    expert_reference: bool = True  # The expert's command is its reference (E_expert) in training
     horizon: int = 8  # H (Table II), even because the U-Net halves it
     diffusion_steps: int = 100  # T (Table II)
-    # Noise schedule; `printed` is the paper's and leaves signal at T
-    schedule: ScheduleKind = "cosine"
+    schedule: ScheduleKind = "cosine"  # `printed` is the paper's and leaves signal at T
     prediction: Prediction = "x0"  # What the network predicts, the clean chunk or the noise
-    # `ddpm` takes all T steps as the paper does, `ddim` takes `sampling_steps`
-    sampler: SamplerKind = "ddim"
-    sampling_steps: int = 10  # Reverse steps of `ddim`
+    sampler: SamplerKind = "ddim"  # `ddpm` takes all T steps as the paper, `ddim` `sampling_steps`
+    sampling_steps: int = 10
     projection: ProjectionMode = "final"  # Where the plan is projected
     candidates: int = 1  # N plans drawn in one batch; the one of least energy is taken
     # Longest time for one plan [s]; past it the fallback is used and counted. None for simulated
@@ -44,9 +39,9 @@ class PlannerConfig:
     # leaves a margin in the 100 ms of a real control step.
     deadline: float | None = None
     width: int = 64  # Channels of the network at full length, even; the paper does not give them
-    guidance: GuidanceConfig = field(default_factory=GuidanceConfig)  # Guidance step
-    energy: EnergyConfig = field(default_factory=EnergyConfig)  # Energies
-    blend: BlendConfig = field(default_factory=BlendConfig)  # Blend with the policy's action
+    guidance: GuidanceConfig = field(default_factory=GuidanceConfig)
+    energy: EnergyConfig = field(default_factory=EnergyConfig)
+    blend: BlendConfig = field(default_factory=BlendConfig)
 
     def __post_init__(self) -> None:
         for name in ("horizon", "width"):
@@ -70,6 +65,9 @@ class PlannerConfig:
     def make_sampler(self) -> Sampler:
         """Build the sampler that these settings describe."""
         schedule = NoiseSchedule.make(self.schedule, self.diffusion_steps)
-        if self.sampler == "ddpm":
-            return Sampler(ddpm_transitions(schedule), self.prediction, CLIP)
-        return Sampler(ddim_transitions(schedule, self.sampling_steps), self.prediction, CLIP)
+        table = (
+            ddpm_transitions(schedule)
+            if self.sampler == "ddpm"
+            else ddim_transitions(schedule, self.sampling_steps)
+        )
+        return Sampler(table, self.prediction, CLIP)

@@ -52,10 +52,8 @@ class PlanningContext:
     speed: float  # Measured speed [m/s]
     previous: Array  # Last executed command (2,) [rad, m/s]
     expert_reference: Array | None = None  # The expert's commands (H, 2) [rad, m/s], or None
-    # Admissible lane centres, as lateral offsets [m]
-    lane_centres: tuple[float, ...] = LaneGeometry().centres
-    # Where the beams point; by default as many as the scan has, over a half turn
-    scanner: ScannerGeometry | None = None
+    lane_centres: tuple[float, ...] = LaneGeometry().centres  # As lateral offsets [m]
+    scanner: ScannerGeometry | None = None  # By default the scan's beams over a half turn
     vehicle: VehicleGeometry = VehicleGeometry()  # Outline of the car
 
     def __post_init__(self) -> None:
@@ -74,9 +72,8 @@ class PlanningContext:
         if self.expert_reference is not None:
             reference = _read_only(self.expert_reference)
             if reference.ndim != 2 or reference.shape[1] != 2:
-                raise ValueError(
-                    f"`expert_reference` must have shape (H, 2). Got {reference.shape}."
-                )
+                got = reference.shape
+                raise ValueError(f"`expert_reference` must have shape (H, 2). Got {got}.")
             object.__setattr__(self, "expert_reference", reference)
 
     @property
@@ -113,13 +110,10 @@ class PlanningContext:
         return all(bool(np.isfinite(array).all()) for array in arrays)
 
     def encode(self) -> NDArray[np.float32]:
-        """The paper's c_t.
+        """The paper's c_t (64,) float32.
 
         Estimates that are not valid read as zero with their flag at zero. Everything is scaled to
         about [-1, 1] and clipped to [-3, 3]; NaN stays NaN.
-
-        Returns:
-            (64,) float32.
         """
         code = np.zeros(CONTEXT_SIZE)
         self._encode_clearance(code)

@@ -23,12 +23,7 @@ NORM_EPSILON = 1e-6  # Added to a mean square before its root: keeps a position 
 
 
 class ResidualBlock(nn.Module):
-    """Convolution, norm, FiLM, SiLU, convolution, norm, SiLU, plus the input.
-
-    Args:
-        inputs: Channels in.
-        outputs: Channels out.
-    """
+    """Convolution, norm, FiLM, SiLU, convolution, norm, SiLU, plus the input."""
 
     def __init__(self, inputs: int, outputs: int) -> None:
         super().__init__()
@@ -47,9 +42,8 @@ class ResidualBlock(nn.Module):
 class ConditionalUnet1d(nn.Module):
     """Noisy chunk, diffusion step and context to the network's prediction.
 
-    Args:
-        width: Channels at full length, even; twice that at half length. 64 gives about 0.43 M
-            parameters and 0.2 ms per evaluation.
+    `width` channels at full length, even, and twice that at half length: 64 gives about 0.43 M
+    parameters and 0.2 ms per evaluation.
     """
 
     def __init__(self, width: int = 64) -> None:
@@ -73,32 +67,17 @@ class ConditionalUnet1d(nn.Module):
         return (self._width, 2 * self._width, 2 * self._width, self._width)
 
     def condition(self, step_embedding: Tensor, context: Tensor) -> Tensor:
-        """All scales and shifts of one evaluation.
+        """Scales and shifts (B, 2 * sum(film_channels)) of `down`, then of `low`, `middle`, `up`.
 
-        Args:
-            step_embedding: (B, 64) from `embed_step`.
-            context: (B, 64) or anything that broadcasts against it.
-
-        Returns:
-            (B, 2 * sum(film_channels)): scale and shift of `down`, then of `low`, `middle`, `up`.
+        Both arguments are (B, 64), or broadcast against each other.
         """
         hidden = functional.silu(self.from_step(step_embedding) + self.from_context(context))
-        film: Tensor = self.film(functional.silu(self.mix(hidden)))
-        return film
+        return self.film(functional.silu(self.mix(hidden)))
 
     def forward(self, noisy: Tensor, k: Tensor, context: Tensor) -> Tensor:
-        """Predict.
+        """The clean chunk or the noise (B, H, 2), whichever it is trained for.
 
-        Args:
-            noisy: Chunks x_k (B, H, 2), H even.
-            k: Diffusion steps (B,).
-            context: (B, 64).
-
-        Returns:
-            (B, H, 2): the clean chunk, or the noise, whichever it is trained for.
-
-        Raises:
-            ValueError: An H that cannot be halved, or a context of another size.
+        Of chunks x_k (B, H, 2), H even, steps k (B,) and contexts (B, 64), else `ValueError`.
         """
         if noisy.shape[1] % 2:
             raise ValueError(f"`horizon` must be even, the U-Net halves it. Got {noisy.shape[1]}.")
@@ -131,11 +110,7 @@ def normalise(x: Tensor) -> Tensor:
 
 
 def check_context(shape: tuple[int, ...]) -> None:
-    """Refuse contexts that are not (B, 64).
-
-    Raises:
-        ValueError: They are not.
-    """
+    """`ValueError` for contexts that are not (B, 64)."""
     if len(shape) != 2 or shape[1] != CONTEXT_SIZE:
         raise ValueError(f"`context` must have shape (B, {CONTEXT_SIZE}). Got {shape}.")
 

@@ -62,26 +62,16 @@ class Film(NamedTuple):
 
 
 class FastDenoiser:
-    """A snapshot of a U-Net's weights, ready for the reverse steps of one sampler.
-
-    Args:
-        network: The trained network.
-        k: Diffusion steps of the sampler, (S,).
-    """
+    """A snapshot of a U-Net's weights, ready for the reverse steps k (S,) of one sampler."""
 
     def __init__(self, network: ConditionalUnet1d, k: NDArray[np.int64]) -> None:
         self._network = network
         self._snapshot = [weight.detach().clone() for weight in network.parameters()]
         device = network.from_step.weight.device
         self._steps = embed_step(torch.from_numpy(k.copy()).to(device))
+        parts = (getattr(network, name) for name in _Unet._fields)
         self._unet = _Unet(
-            down=_block(network.down),
-            shrink=_layer(network.shrink),
-            low=_block(network.low),
-            middle=_block(network.middle),
-            grow=_layer(network.grow),
-            up=_block(network.up),
-            out=_layer(network.out),
+            *(_block(part) if isinstance(part, ResidualBlock) else _layer(part) for part in parts)
         )
 
     def is_current(self) -> bool:
@@ -89,24 +79,15 @@ class FastDenoiser:
         return all(map(torch.equal, self._network.parameters(), self._snapshot))
 
     def condition(self, context: Single) -> tuple[Film, ...]:
-        """FiLM terms of `down`, `low`, `middle` and `up` for all reverse steps.
-
-        Args:
-            context: (1, 64), shared by all chunks of a batch.
-
-        Raises:
-            ValueError: A context of another size.
-        """
+        """FiLM terms of the four blocks for all reverse steps, for a context (1, 64)."""
         check_context(context.shape)
         with torch.inference_mode():
             shared = torch.from_numpy(context).to(self._steps.device)
             table = _array(self._network.condition(self._steps, shared))
-        films, start = [], 0
-        for channels in self._network.film_channels:
-            scale, shift = np.split(table[:, start : start + 2 * channels], 2, axis=1)
-            films.append(Film(np.float32(1.0) + scale, np.ascontiguousarray(shift)))
-            start += 2 * channels
-        return tuple(films)
+        ends = np.cumsum(2 * np.array(self._network.film_channels))
+        pairs = (np.split(part, 2, axis=1) for part in np.split(table, ends[:-1], axis=1))
+        one = np.float32(1.0)
+        return tuple(Film(one + scale, np.ascontiguousarray(shift)) for scale, shift in pairs)
 
     def predict(self, noisy: NDArray[np.float64], films: tuple[Film, ...], index: int) -> Single:
         """The network's output (B, H, 2) for x_k (B, H, 2) of reverse step `index`."""

@@ -22,8 +22,7 @@ from shield.arguments import check_positive, check_within
 class GuidanceConfig:
     """How strongly the energies push."""
 
-    # w_g (Table II): length of a step, in normalised actions over the whole chunk; 0 switches
-    # guidance off
+    # w_g (Table II): length of a step, in normalised actions over the whole chunk; 0 for none
     scale: float = 0.1
     # Added to the gradient's norm. Below it the step shrinks with the gradient instead of keeping
     # its length, so that a plan at the energy's minimum is left where it is. The paper means a
@@ -47,21 +46,8 @@ SHARES = np.array([1.0, 0.5, 0.25, 0.1])
 SHARES.setflags(write=False)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GuidedPlans:
-    """What guidance makes of the network's last estimate."""
-
-    actions: Array  # Normalised plans (B, H, 2)
-    energy_before: Array  # Energies (B,) of the estimate; NaN where guidance is switched off
-
-
 class Guidance(Refinement):
-    """One normalised gradient step per reverse step, and a line search at the end.
-
-    Args:
-        energy: Composite energy of this context.
-        config: Step length.
-    """
+    """One normalised gradient step per reverse step, and a line search at the end."""
 
     def __init__(self, energy: TotalEnergy, config: GuidanceConfig) -> None:
         self._energy = energy
@@ -74,13 +60,13 @@ class Guidance(Refinement):
         _, step = self._step(clean)
         return clean - step
 
-    def finish(self, clean: Array) -> GuidedPlans:
-        """The network's last estimate (B, H, 2) moved towards lower energy."""
+    def finish(self, clean: Array) -> tuple[Array, Array]:
+        """The last estimate (B, H, 2) moved towards lower energy, and its energies (B,) before."""
         if self._config.scale == 0.0:
-            return GuidedPlans(clean, np.full(len(clean), np.nan))
+            return clean, np.full(len(clean), np.nan)
         before, step = self._step(clean)
         if self._config.max_final_iterations == 0:
-            return GuidedPlans(clean - step, before)
+            return clean - step, before
         energies = before
         for iteration in range(self._config.max_final_iterations):
             if iteration:
@@ -89,7 +75,7 @@ class Guidance(Refinement):
             if not share.any():
                 break
             clean = clean - share[:, None, None] * step
-        return GuidedPlans(clean, before)
+        return clean, before
 
     def _step(self, clean: Array) -> tuple[Array, Array]:
         """Energies (B,) and a step of Eq. dal_guidance (B, H, 2), to be subtracted."""

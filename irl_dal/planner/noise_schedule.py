@@ -12,7 +12,7 @@ References:
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,16 +34,10 @@ class NoiseSchedule:
     alpha_bar: Array  # Share of the signal's variance left after k steps, (T + 1,)
 
     @classmethod
-    def make(cls, kind: ScheduleKind = "cosine", steps: int = 100) -> NoiseSchedule:
-        """Build a schedule.
+    def make(cls, kind: ScheduleKind = "cosine", steps: int = 100) -> Self:
+        """A schedule of T = `steps`; `ValueError` for an unknown kind, or fewer than two steps.
 
-        Args:
-            kind: `cosine`, or `printed`: the paper's betas, which leave 36 % of the signal's
-                variance after 100 steps.
-            steps: T.
-
-        Raises:
-            ValueError: Unknown kind, or fewer than two steps.
+        `printed` are the paper's betas, which leave 36 % of the signal's variance after 100 steps.
         """
         if kind not in get_args(ScheduleKind):
             raise ValueError(f"`schedule` must be one of {get_args(ScheduleKind)}. Got {kind!r}.")

@@ -4,7 +4,7 @@ import math
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -18,9 +18,8 @@ from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext
 from irl_dal.planner.denoiser import ACTION_SIZE, ConditionalUnet1d
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
-from irl_dal.planner.guidance import Guidance, GuidedPlans
+from irl_dal.planner.guidance import Guidance
 from irl_dal.planner.noise_schedule import NoiseSchedule
-from irl_dal.planner.plan import Plan
 from irl_dal.planner.projection import PlanProjection, ProjectedPlans
 from irl_dal.planner.sampler import Refinement
 from shield import (
@@ -37,25 +36,42 @@ from shield.projection.fallback import FallbackPlan
 SIMULATED_TIME_DEADLINE = 10.0
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Plan:
+    """A horizon of commands with how it came about. Arrays are read-only."""
+
+    # Commands (H, 2) [rad, m/s], only the first is executed; in mode `none` the sample as it is
+    actions: Array
+    # The last clean estimate (H, 2) [rad, m/s]; `actions` in mode `none` and for a fallback
+    nominal: Array
+    status: Status  # Of the last projection; `NOMINAL` in mode `none`
+    reason: str  # Why it is a fallback or what the projection said, else empty
+    energy: float  # Of `actions`; NaN for a fallback
+    energy_nominal: float  # Of `nominal`; NaN for a fallback
+    energy_unguided: float  # Of the estimate before its last guidance step; NaN without guidance
+    candidates: Array  # All candidates as (N, H, 2) [rad, m/s]
+    latency: float  # Wall time of the whole call [s]
+
+    def __post_init__(self) -> None:
+        for name in ("actions", "nominal", "candidates"):
+            getattr(self, name).setflags(write=False)
+
+    @property
+    def is_fallback(self) -> bool:
+        """Whether there was no usable sample, or no plan that keeps every bound."""
+        return self.status is Status.FALLBACK
+
+
 class DiffusionPlanner:
     """Plans a horizon of commands by guided, projected denoising (the paper's P_DAL).
 
     It owns the network. Training calls `loss`; driving calls `plan`, which never raises on what
     values a context holds: a context with NaN, a deadline that passes or a sample that is no number
     give the fallback plan of the shield, with a reason, and are counted.
-
-    Args:
-        config: Settings.
-        limits: Actuators; they give the units of an action.
-        generator: Source of all random numbers: initial weights, training noise, samples.
-        solver: Of its projections, a name that `HorizonProjector` takes.
-
-    Attributes:
-        denoiser: The network, for optimizers and checkpoints.
-        blend: The blend with the policy's action.
-        counts: Plans made, and fallbacks by cause: `plans`, `fallback_context`,
-            `fallback_deadline`, `fallback_sample`, `fallback_projection` (a previous command from
-            which no plan keeps every bound).
+    The `generator` is the source of all random numbers: initial weights, training noise, samples.
+    `counts` has the plans made and the fallbacks by cause: `plans`, `fallback_context`,
+    `fallback_deadline`, `fallback_sample`, `fallback_projection` (a previous command from which no
+    plan keeps every bound).
     """
 
     def __init__(
@@ -106,26 +122,14 @@ class DiffusionPlanner:
         return self.denoiser.state_dict()
 
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take over weights from `state_dict`.
-
-        Raises:
-            RuntimeError: The weights are those of another network.
-        """
+        """Take over weights from `state_dict`; `RuntimeError` for those of another network."""
         self.denoiser.load_state_dict(state)
         self._network = None
 
     def loss(self, contexts: Tensor, chunks: Tensor) -> Tensor:
-        """The denoising objective on a batch, mean squared error of the prediction.
+        """The denoising objective on a batch, mean squared error of the prediction, with gradient.
 
-        Args:
-            contexts: (B, 64) from `PlanningContext.encode`.
-            chunks: Normalised action chunks (B, H, 2).
-
-        Returns:
-            A scalar with gradient.
-
-        Raises:
-            ValueError: A wrong shape.
+        Of contexts (B, 64) and normalised action chunks (B, H, 2), else `ValueError`.
         """
         self._trained_here = True
         count = len(contexts)
@@ -133,12 +137,9 @@ class DiffusionPlanner:
         for (name, size), given in zip(sizes.items(), (contexts, chunks), strict=True):
             if given.shape != size:
                 raise ValueError(f"`{name}` must be {size}. Got {tuple(given.shape)}.")
-        source = self.generator
-        k = torch.randint(
-            1, self._schedule.steps + 1, (len(chunks),), generator=source, device=source.device
-        )
-        noise = torch.randn(chunks.shape, generator=source, device=source.device)
-        noise = noise.to(chunks)
+        place: dict[str, Any] = {"generator": self.generator, "device": self.generator.device}
+        k = torch.randint(1, self._schedule.steps + 1, (count,), **place)
+        noise = torch.randn(chunks.shape, **place).to(chunks)
         signal, spread = (
             torch.from_numpy(part(k.cpu().numpy())).to(chunks)[:, None, None]
             for part in (self._schedule.signal, self._schedule.noise)
@@ -148,37 +149,27 @@ class DiffusionPlanner:
         return nn.functional.mse_loss(predicted, target)
 
     def plan(self, context: PlanningContext, watchers: Sequence[Refinement] = ()) -> Plan:
-        """Plan from a context.
+        """Plan from a context; a fallback with a reason when there is no usable sample.
 
-        Args:
-            context: What is known now.
-            watchers: See each estimate and iterate after guidance and projection.
-
-        Returns:
-            The plan; a fallback with a reason when there is no usable sample.
-
-        Raises:
-            ValueError: The context's expert reference has another horizon.
+        Watchers see each estimate and iterate after guidance and projection. `ValueError` where the
+        context's expert reference has another horizon.
         """
-        self._check_reference(context)
+        reference, horizon = context.expert_reference, self.config.horizon
+        if reference is not None and len(reference) != horizon:
+            raise ValueError(
+                f"`expert_reference` must have shape ({horizon}, 2). Got {reference.shape}."
+            )
         # Absurd but finite values overflow into a sample that is no number, and that is noticed.
         with np.errstate(all="ignore"):
             return self._plan(context, watchers, time.perf_counter())
 
     def project_command(self, command: Array, previous: Array) -> Array:
-        """The nearest command within the bounds of one step, in a mode that ends in a projection.
+        """The nearest command (2,) within one step's bounds, in a mode that ends in a projection.
 
         A blend of an admissible and an inadmissible command is inadmissible, and the further the
         second is away, the less the first matters: such a mode blends the plan with what the policy
         could do in the same step. Without a shield everything executed is projected, so that the
         next plan starts from an admissible command. Mode `none` leaves commands as they are.
-
-        Args:
-            command: Command (2,) [rad, m/s].
-            previous: Last executed command (2,) [rad, m/s].
-
-        Returns:
-            The projected command (2,) [rad, m/s].
         """
         if self.config.projection == "none":
             return command
@@ -196,21 +187,13 @@ class DiffusionPlanner:
         if estimate is None:
             late = f"no plan within {self.config.deadline} s"
             return self._fall_back(context, "deadline", late, begin)
-        guided = guidance.finish(estimate)
-        projected = projection.finish(guided.actions)
+        guided, energy_before = guidance.finish(estimate)
+        projected = projection.finish(guided)
         for watcher in watchers:
             watcher.clean(projected.actions, len(self._sampler.transitions) - 1)
         if not (np.isfinite(projected.actions).all() and np.isfinite(projected.nominal).all()):
             return self._fall_back(context, "sample", "the sample is not finite", begin)
-        return self._select(energy, guided, projected, begin)
-
-    def _check_reference(self, context: PlanningContext) -> None:
-        """Refuse a reference that does not fit the plan."""
-        reference, horizon = context.expert_reference, self.config.horizon
-        if reference is not None and len(reference) != horizon:
-            raise ValueError(
-                f"`expert_reference` must have shape ({horizon}, 2). Got {reference.shape}."
-            )
+        return self._select(energy, energy_before, projected, begin)
 
     def _sample(
         self, context: PlanningContext, stages: tuple[Refinement, ...], begin: float
@@ -229,7 +212,7 @@ class DiffusionPlanner:
         )
 
     def _select(
-        self, energy: TotalEnergy, guided: GuidedPlans, projected: ProjectedPlans, begin: float
+        self, energy: TotalEnergy, unguided: Array, projected: ProjectedPlans, begin: float
     ) -> Plan:
         """The candidate of least energy as a plan."""
         energies = energy.value(projected.actions)
@@ -248,7 +231,7 @@ class DiffusionPlanner:
             reason=reason,
             energy=float(energies[best]),
             energy_nominal=float(energy.value(self.limits.to_action(nominal)[None])[0]),
-            energy_unguided=float(guided.energy_before[best]),
+            energy_unguided=float(unguided[best]),
             candidates=projected.commands.copy(),
             latency=time.perf_counter() - begin,
         )

@@ -44,13 +44,7 @@ class ProjectedPlans:
 
 
 class PlanProjection(Refinement):
-    """Projection inside the reverse process for one planning context.
-
-    Args:
-        mode: Where to project.
-        projector: Onto which commands.
-        previous: Last executed command (2,) [rad, m/s].
-    """
+    """Projection inside the reverse process, from the last executed command (2,) [rad, m/s]."""
 
     def __init__(self, mode: ProjectionMode, projector: HorizonProjector, previous: Array) -> None:
         self._mode = mode
@@ -64,49 +58,39 @@ class PlanProjection(Refinement):
             return clean
         commands = self._scale.to_command(clean)
         if self._mode == "x0":
-            return self._actions(self._project(commands))
+            return self._projected(commands)
         large = defect(commands, self._previous, self._projector.limits) > LARGE_DEFECT
         if not large.any():
             return clean
         refined = clean.copy()
-        refined[large] = self._actions(self._project(commands[large]))
+        refined[large] = self._projected(commands[large])
         return refined
 
     def noisy(self, noisy: Array, index: int) -> Array:
         """The iterate (B, H, 2), projected in mode `xt`."""
         if self._mode != "xt":
             return noisy
-        return self._actions(self._project(self._scale.to_command(noisy)))
+        return self._projected(self._scale.to_command(noisy))
 
     def finish(self, clean: Array) -> ProjectedPlans:
         """The last estimate (B, H, 2), projected in every mode but `none`."""
         nominal = self._scale.to_command(clean)
         if self._mode == "none":
             return ProjectedPlans(nominal, nominal, clean, ())
-        projections = self._project(nominal)
+        projections = self._projector.project_batch(nominal, self._previous)
         commands = np.stack([projection.actions for projection in projections])
         return ProjectedPlans(nominal, commands, self._scale.to_action(commands), projections)
 
-    def _project(self, commands: Array) -> tuple[Projection, ...]:
-        """Project (B, H, 2)."""
-        return self._projector.project_batch(commands, self._previous)
-
-    def _actions(self, projections: tuple[Projection, ...]) -> Array:
-        """Normalised actions (B, H, 2) of projections."""
-        commands = np.stack([projection.actions for projection in projections])
-        return self._scale.to_action(commands)
+    def _projected(self, commands: Array) -> Array:
+        """Normalised actions of projected commands (B, H, 2)."""
+        projections = self._projector.project_batch(commands, self._previous)
+        return self._scale.to_action(np.stack([projection.actions for projection in projections]))
 
 
 def defect(commands: Array, previous: Array, limits: ActuatorLimits) -> Array:
-    """How far each horizon breaks box, rates or lateral bound, as a share of the bound.
+    """How far commands (B, H, 2) [rad, m/s] break box, rates or lateral bound, as its share (B,).
 
-    Args:
-        commands: (B, H, 2) [rad, m/s].
-        previous: Last executed command (2,).
-        limits: Actuators.
-
-    Returns:
-        (B,), 0 for an admissible horizon.
+    0 for an admissible horizon after the command `previous` (2,).
     """
     width = limits.high - limits.low
     outside = np.maximum(commands - limits.high, limits.low - commands) / np.where(width, width, 1)

@@ -22,9 +22,7 @@ class BrakingTail(NamedTuple):
     def driven(self, speed: float, others: Array) -> Array:
         """Time (points, P) [s] that times a velocity gives the way of others that brake as hard.
 
-        Args:
-            speed: Speed of the car when it begins to brake [m/s].
-            others: Speeds of the others (P,) [m/s].
+        The car begins to brake at `speed` [m/s], the others at theirs (P,).
         """
         share = np.arange(1, self.points + 1)[:, None] / self.points
         time = abs(speed) / self.deceleration * (1.0 - np.sqrt(1.0 - share))

@@ -36,8 +36,8 @@ class Transitions:
     clean_factor: Array  # a
     noisy_factor: Array  # b
     sigma: Array  # Standard deviation of the fresh noise; 0 at the last step
-    signal: Array  # Sqrt(alpha-bar_k)
-    noise: Array  # Sqrt(1 - alpha-bar_k)
+    signal: Array  # sqrt(alpha-bar_k)
+    noise: Array  # sqrt(1 - alpha-bar_k)
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -45,11 +45,6 @@ class Transitions:
 
     def __len__(self) -> int:
         return len(self.k)
-
-    @property
-    def stochastic(self) -> bool:
-        """Whether any step adds noise."""
-        return bool(np.any(self.sigma > 0.0))
 
 
 def ddpm_transitions(schedule: NoiseSchedule) -> Transitions:
@@ -69,14 +64,8 @@ def ddpm_transitions(schedule: NoiseSchedule) -> Transitions:
 def ddim_transitions(schedule: NoiseSchedule, steps: int) -> Transitions:
     """S evenly spaced deterministic steps from T to 0 (Song et al., Eq. 12 with sigma = 0).
 
-    The spacing starts at T itself, because only there the iterate is noise alone.
-
-    Args:
-        schedule: Noise schedule.
-        steps: S, at most T.
-
-    Raises:
-        ValueError: `steps` outside 1 ... T.
+    The spacing starts at T itself, because only there the iterate is noise alone. `ValueError` for
+    `steps` outside 1 ... T.
     """
     if not 1 <= steps <= schedule.steps:
         raise ValueError(f"`sampling_steps` must be in 1 ... {schedule.steps}. Got {steps}.")
@@ -107,13 +96,7 @@ class Refinement:
 
 
 class Sampler:
-    """The reverse process.
-
-    Args:
-        transitions: Table of reverse steps.
-        prediction: What the network predicts.
-        clip: The clean estimate is clipped to [-clip, clip]; None for never.
-    """
+    """The reverse process; clean estimates are clipped to [-clip, clip], None for never."""
 
     def __init__(
         self, transitions: Transitions, prediction: Prediction = "x0", clip: float | None = None
@@ -123,12 +106,8 @@ class Sampler:
         self.clip = clip
 
     def draw(self, generator: torch.Generator, batch: int, horizon: int) -> Array:
-        """All random numbers of one call of `sample`.
-
-        Returns:
-            (1, B, H, 2) when no reverse step adds noise, else (S, B, H, 2).
-        """
-        count = len(self.transitions) if self.transitions.stochastic else 1
+        """All random numbers of one `sample`: (1 where no step adds noise, else S, B, H, 2)."""
+        count = len(self.transitions) if self.transitions.sigma.any() else 1
         shape = (count, batch, horizon, 2)
         drawn = torch.randn(shape, generator=generator, device=generator.device)
         return drawn.double().cpu().numpy()
@@ -140,17 +119,10 @@ class Sampler:
         refinements: Sequence[Refinement] = (),
         expired: Callable[[], bool] | None = None,
     ) -> Array | None:
-        """Run the reverse process.
+        """The last clean estimate (B, H, 2); None once `expired`, asked before each step, says so.
 
-        Args:
-            predict: The network.
-            draws: From `draw`: the first slice is x_T.
-            refinements: Applied in order to the clean estimate and to the iterate of each step but
-                the last, whose estimate is the caller's to refine.
-            expired: Asked before each step; True gives up.
-
-        Returns:
-            The last clean estimate (B, H, 2), or None when the time was up.
+        `draws` are `draw`'s: the first slice is x_T. The refinements are applied in order to the
+        clean estimate and the iterate of each step but the last, which is the caller's to refine.
         """
         table = self.transitions
         noisy = draws[0].copy()

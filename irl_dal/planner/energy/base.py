@@ -11,16 +11,10 @@ from shield import ActuatorLimits
 
 
 class Energy(ABC):
-    """One term of Eq. dal_energy for one planning context. Lower is better.
-
-    Args:
-        context: What is known now.
-        config: Weights and scales.
-        limits: Actuators; they give the units of an action.
-        horizon: H of the plans.
-    """
+    """One term of Eq. dal_energy for one planning context, for plans of H = `horizon`."""
 
     name: ClassVar[str]
+    weight: float  # Of the term in this context
 
     def __init__(
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
@@ -34,13 +28,8 @@ class Energy(ABC):
     @property
     def active(self) -> bool:
         """Whether the term has anything to say in this context."""
-        return True
+        return self.weight > 0
 
     @abstractmethod
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2) of normalised actions (B, H, 2)."""
-
-    def _per_action(self, per_command: Array) -> Array:
-        """Turn derivatives with respect to commands (B, H, 2), in place, into those of actions."""
-        per_command *= self.scale.half
-        return per_command

@@ -32,7 +32,7 @@ class ClearanceEnergy(Energy):
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
         super().__init__(context, config, limits, horizon)
-        self._weight = clearance_weight(context, config)
+        self.weight = clearance_weight(context, config)
         self._centres, self._radius = cover(context.vehicle)
         self._tail = NO_TAIL if config.braking is None else BrakingTail(config.braking)
         points, velocities = self._reachable(*scan_points(context))
@@ -47,7 +47,7 @@ class ClearanceEnergy(Energy):
     @property
     def active(self) -> bool:
         """Whether any point can come near."""
-        return self._east.size > 0 and self._weight > 0
+        return self._east.size > 0 and self.weight > 0
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
@@ -57,12 +57,12 @@ class ClearanceEnergy(Energy):
             self._north,
             self._centres,
             self._radius + self.config.safe_clearance,
-            self._weight / self.config.clearance_scale**2,
+            self.weight / self.config.clearance_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
             self._tail,
         )
-        return value, self._per_action(gradient)
+        return value, gradient * self.scale.half
 
     def _reachable(self, points: Array, velocities: Array) -> tuple[Array, Array]:
         """The points that can come within the safe clearance during the horizon."""
@@ -126,25 +126,14 @@ def clearance_weight(context: PlanningContext, config: EnergyConfig) -> float:
 
 
 def cover(vehicle: VehicleGeometry) -> tuple[Array, float]:
-    """Discs that cover the car.
-
-    Returns:
-        From the rear axle to their centres (DISCS,) [m], rear to front, and their radius [m].
-    """
+    """Discs over the car: their centres (DISCS,) from the rear axle [m], and their radius [m]."""
     third = vehicle.length / DISCS
     centres = np.asarray(third * (np.arange(DISCS) + 0.5) - vehicle.rear_overhang, np.float64)
     return centres, math.hypot(0.5 * third, 0.5 * vehicle.width)
 
 
 def scan_points(context: PlanningContext) -> tuple[Array, Array]:
-    """The scan's returns in the frame of the rear axle.
-
-    Args:
-        context: With the scan, the tracked clearance and the speed.
-
-    Returns:
-        Positions (P, 2) [m] and velocities over ground (P, 2) [m/s].
-    """
+    """The scan's returns in the rear axle's frame (P, 2) [m], and their velocities (P, 2) [m/s]."""
     scanner = context.geometry
     returned = scanner.returned(context.scan)
     ranges, angles = context.scan[returned], scanner.angles[returned]

@@ -4,11 +4,12 @@ import math
 
 import numpy as np
 
+from expert import LaneMap
+from expert.fsm import BESIDE, CORRIDOR
 from irl_dal.planner.arrays import Array
 from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.config import EnergyConfig
-from irl_dal.planner.energy.open_lanes import open_lanes
 from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
 from irl_dal.shortcuts import compiled
 from shield import ActuatorLimits
@@ -16,6 +17,27 @@ from shield import ActuatorLimits
 # The offset is judged where the heading leads within this time [s], so that guidance neither swings
 # nor undoes a change of lane
 PREVIEW = 1.0
+SIGHT = 25.0  # A lane is open where this much of it is free, from the front bumper [m]
+# Of a lane estimate, in the order of `LanePose`
+POSE = ("lateral_offset", "heading_error", "curvature", "curvature_rate")
+
+
+def open_lanes(context: PlanningContext) -> tuple[float, ...]:
+    """The lateral offsets [m] of the admissible lanes that the scan shows to be open.
+
+    Pulled to the nearest lane of all, a car beside an oncoming one in the passing lane would be
+    pulled into its path.
+
+    Returns:
+        Those with `SIGHT` free ahead; the freest one where none has; all without a lane estimate.
+    """
+    centres = context.lane_centres
+    if not context.lane.valid:
+        return centres
+    lanes = LaneMap.build(context.scan, context.lane, context.geometry)
+    gaps = [lanes.gap(centre, CORRIDOR, -BESIDE) for centre in centres]
+    free = tuple(centre for centre, gap in zip(centres, gaps, strict=True) if gap >= SIGHT)
+    return free or (centres[int(np.argmax(gaps))],)
 
 
 class LaneEnergy(Energy):
@@ -35,19 +57,14 @@ class LaneEnergy(Energy):
     ) -> None:
         super().__init__(context, config, limits, horizon)
         self._centres = np.array(open_lanes(context))
-        self._weight = lane_weight(context, config)
-        lane = context.lane
-        self._start = LanePose(
-            float(lane.lateral_offset),
-            float(lane.heading_error),
-            float(lane.curvature),
-            float(lane.curvature_rate),
-        )
+        self.weight = lane_weight(context, config)
+        pose = (getattr(context.lane, name) for name in POSE)
+        self._start = LanePose(*map(float, pose))
 
     @property
     def active(self) -> bool:
         """Without a lane estimate there is nothing to adhere to."""
-        return self.context.lane.valid and self._weight > 0
+        return self.context.lane.valid and self.weight > 0
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
@@ -56,11 +73,11 @@ class LaneEnergy(Energy):
             self._start,
             self._centres,
             PREVIEW,
-            self._weight / self.config.lane_scale**2,
+            self.weight / self.config.lane_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
         )
-        return value, self._per_action(gradient)
+        return value, gradient * self.scale.half
 
 
 @compiled

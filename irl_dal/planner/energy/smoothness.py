@@ -25,17 +25,13 @@ class JerkEnergy(Energy):
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
         super().__init__(context, config, limits, horizon)
+        self.weight = config.jerk_weight
         self._previous = self.scale.to_action(context.previous)
-
-    @property
-    def active(self) -> bool:
-        """Whether it has a weight."""
-        return self.config.jerk_weight > 0
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
         first = 1 if self.config.forms == "printed" else 0
-        return _steps(actions, self._previous, first, self.config.jerk_weight)
+        return _steps(actions, self._previous, first, self.weight)
 
 
 class StabilityEnergy(Energy):
@@ -51,25 +47,15 @@ class StabilityEnergy(Energy):
         self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
     ) -> None:
         super().__init__(context, config, limits, horizon)
-        self._neutral = self.neutral()
-
-    @property
-    def active(self) -> bool:
-        """Whether it has a weight."""
-        return self.config.stability_weight > 0
-
-    def neutral(self) -> Array:
-        """The neutral action (2,), normalised."""
-        lane = self.context.lane
-        speed = max(float(self.context.previous[1]), self.config.slowest_reference)
-        steering = 0.0
-        if self.config.forms == "rollout" and lane.valid:
-            steering = math.atan(self.limits.wheelbase * lane.curvature)
-        return self.scale.to_action(np.array([steering, speed]))
+        self.weight = config.stability_weight
+        speed, steering = max(float(context.previous[1]), config.slowest_reference), 0.0
+        if config.forms == "rollout" and context.lane.valid:
+            steering = math.atan(limits.wheelbase * context.lane.curvature)
+        self._neutral = self.scale.to_action(np.array([steering, speed]))
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        return _distance(actions, self._neutral[None], self.config.stability_weight)
+        return _distance(actions, self._neutral[None], self.weight)
 
 
 class ExpertEnergy(Energy):

@@ -15,17 +15,8 @@ from shield import ActuatorLimits
 class TotalEnergy:
     """E = E_lane + E_lidar + E_jerk + E_stability + E_expert for one planning context.
 
-    As printed, E_lane and E_lidar depend on the present state alone: a constant, without gradient.
-
-    Args:
-        context: What is known now.
-        config: Weights, scales and forms.
-        limits: Actuators.
-        horizon: H of the plans.
-
-    Attributes:
-        terms: The terms that depend on the plan here.
-        constant: What is added to them: 0 but in the printed form.
+    As printed, E_lane and E_lidar depend on the present state alone: a `constant` that is added to
+    the `terms`, without gradient.
     """
 
     def __init__(

@@ -78,4 +78,4 @@ class PlainLoop:
             step = self._scheduler.step(refined.float(), timestep, noisy, generator=generator)
             iterate = projection.noisy(step.prev_sample.double().numpy(), index)
             noisy = torch.from_numpy(iterate).float()
-        return projection.finish(guidance.finish(clean).actions).actions
+        return projection.finish(guidance.finish(clean)[0]).actions

@@ -12,8 +12,7 @@ from irl_dal.planner.context import hazard
 from irl_dal.planner.energy import EnergyConfig, TotalEnergy
 from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.clearance import ClearanceEnergy, cover
-from irl_dal.planner.energy.lane import PREVIEW, LaneEnergy
-from irl_dal.planner.energy.open_lanes import open_lanes
+from irl_dal.planner.energy.lane import PREVIEW, LaneEnergy, open_lanes
 from irl_dal.planner.energy.smoothness import ExpertEnergy, JerkEnergy, StabilityEnergy
 from shield import ClearanceEstimate, ScannerGeometry, VehicleGeometry
 from tests.irl_dal.planner.scenes import (

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from irl_dal.planner import EnergyConfig, TotalEnergy
-from irl_dal.planner.energy.open_lanes import open_lanes
+from irl_dal.planner.energy.lane import open_lanes
 from tests.irl_dal.planner.scenes import (
     BEAM_ANGLES,
     HORIZON,
