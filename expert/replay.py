@@ -215,7 +215,8 @@ class ReplayBuffer:
 
     def live(self) -> Indices:
         """Serial numbers of everything stored, oldest first."""
-        return self._data["serial"][self._in_order()]
+        serials: Indices = self._data["serial"][self._in_order()]
+        return serials
 
     def restore(
         self, shards: Iterable[Mapping[str, NDArray[Any]]], live: Indices, counter: int

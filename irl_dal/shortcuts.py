@@ -39,7 +39,6 @@ def compiled(function: Function) -> Function:
     machine code is kept beside the source, or in the user's cache folder, or in `NUMBA_CACHE_DIR`.
     Where none of them can be written, every process compiles anew (half a minute).
     """
-
     options: dict[str, Any] = {"error_model": "numpy", "fastmath": set(FAST_MATH)}
     try:
         return cast(Function, njit(cache=True, **options)(function))

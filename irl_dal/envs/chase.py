@@ -11,6 +11,7 @@ from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, World
 
+Pen, Tint = ImageDraw.ImageDraw, tuple[int, int, int]
 # Where the camera flies and how far in front of the car it looks [m]
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 FIELD_OF_VIEW = 50.0  # [deg]
@@ -41,13 +42,7 @@ def chase_view(
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
     eye, aim = here - BEHIND * ahead, here + AHEAD * ahead
-    camera = CameraPose(
-        eye=(float(eye[0]), float(eye[1]), ABOVE),
-        target=(float(aim[0]), float(aim[1]), 0.5),
-        field_of_view=FIELD_OF_VIEW,
-        width=WIDTH,
-        height=HEIGHT,
-    )
+    camera = CameraPose((*eye.tolist(), ABOVE), (*aim.tolist(), 0.5), FIELD_OF_VIEW, WIDTH, HEIGHT)
     picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
@@ -57,13 +52,7 @@ def chase_view(
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 
-def _draw_rays(
-    pen: ImageDraw.ImageDraw,
-    scan: Array,
-    angles: Array,
-    mount: float,
-    colour: tuple[int, int, int],
-) -> None:
+def _draw_rays(pen: Pen, scan: Array, angles: Array, mount: float, colour: Tint) -> None:
     """Rays that hit something, with a dot where they end."""
     farthest = float(scan.max(initial=0.0))
     hit = scan < max(farthest, 1.0) - 0.5
@@ -76,9 +65,7 @@ def _draw_rays(
         pen.ellipse([x - 2.0, y - 2.0, x + 2.0, y + 2.0], fill=(*colour, 220))
 
 
-def _draw_badge(
-    pen: ImageDraw.ImageDraw, text: str, speed: float, colour: tuple[int, int, int]
-) -> None:
+def _draw_badge(pen: Pen, text: str, speed: float, colour: Tint) -> None:
     """Speed and trigger in the upper left corner."""
     words = f"{3.6 * speed:3.0f} km/h" + (f"   {text}" if text else "")
     right = min(WIDTH - 8, 40 + 7 * len(words))

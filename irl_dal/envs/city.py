@@ -159,23 +159,21 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._light: Illumination = draw_light(layout, config.min_brightness, config.max_brightness)
         self._lane_sensor = LaneSensor(self._road, config.lane_offset_noise)
         self._lane_camera.reset()
-        self._vehicle = Vehicle(
-            self._world, self.limits.wheelbase, config.faults.servo_rate, config.vehicle
-        )
+        servo = config.faults.servo_rate
+        self._vehicle = Vehicle(self._world, self.limits.wheelbase, servo, config.vehicle)
         x, y, yaw = self._road.pose(0.0, HOME_LANE)
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
         self._command: Array = np.array([0.0, config.initial_speed])
         self._lag = ActuatorLag(config.faults.actuator_lag, self.limits.dt, self._command)
-        self._faults = SensorFaults(
-            config.faults, self.limits.dt, config.lidar_beams, config.lidar_range, faults
-        )
+        scanner = config.scanner
+        self._faults = SensorFaults(config.faults, self.limits.dt, scanner, faults)
         self._lanes: deque[LaneMeasurement | None] = deque(maxlen=config.faults.latency + 1)
         self._at: RoadPoint = self._road.locate(x, y)
         self.overlay = Overlay()
         self._sense()
         observation = self._observe()
-        return observation, self._info({}, collision=False, off_road=False, success=False)
+        return observation, self._info({}, success=False, collision=False, off_road=False)
 
     def _draw_road(self, rng: np.random.Generator, options: dict[str, Any]) -> Road:
         """A road from the generator, or a stretch of the track."""
@@ -202,19 +200,21 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._traffic.step(dt, self._at, self._state.speed)
         steering, speed = self._lag.follow(self._command)
         self._vehicle.drive(float(steering), float(speed))
-        self._vehicle.advance(dt)
+        self._world.step(dt)
         self._time += dt
         self._sense()
         near = self._clearance < self.config.collision_distance
-        collision = self._vehicle.touches() or near
-        off_road = not -HALF_WIDTH <= self._at.d <= self._at.left_edge
-        success = self._at.s >= self._road.length and not collision and not off_road
-        rate = float(self._command[0] - before[0]) / dt
-        terms = self._reward_terms(rate, collision=collision, off_road=off_road, success=success)
-        terminated = collision or off_road or success
+        ends = {
+            "success": False,
+            "collision": self._vehicle.touches() or near,
+            "off_road": not -HALF_WIDTH <= self._at.d <= self._at.left_edge,
+        }
+        ends["success"] = self._at.s >= self._road.length and not any(ends.values())
+        terms = self._reward_terms(float(self._command[0] - before[0]) / dt, **ends)
+        terminated = any(ends.values())
         truncated = not terminated and self._time >= self.config.time_limit - 0.5 * dt
         observation = self._observe()
-        info = self._info(terms, collision=collision, off_road=off_road, success=success)
+        info = self._info(terms, **ends)
         return observation, float(sum(terms.values())), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -292,9 +292,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             self._lane = self._lanes[0]
         return observation
 
-    def _reward_terms(
-        self, steering_rate: float, *, collision: bool, off_road: bool, success: bool
-    ) -> dict[str, float]:
+    def _reward_terms(self, steering_rate: float, **ends: bool) -> dict[str, float]:
         offset = self._at.d - HOME_LANE
         return reward_terms(
             self.config.reward,
@@ -304,9 +302,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
                 speed=self._state.speed * float(np.cos(self._state.yaw - self._at.heading)),
                 clearance=self._clearance,
                 steering_rate=steering_rate,
-                collision=collision,
-                off_road=off_road,
-                success=success,
+                **ends,
             ),
         )
 
@@ -319,15 +315,11 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         ]
         return min(gaps, default=np.inf)
 
-    def _info(
-        self, terms: dict[str, float], *, collision: bool, off_road: bool, success: bool
-    ) -> Info:
+    def _info(self, terms: dict[str, float], **ends: bool) -> Info:
         state = self._state
         return {
             "reward_terms": terms,
-            "success": success,
-            "collision": collision,
-            "off_road": off_road,
+            **ends,
             "progress": self._at.s,
             "goal_distance": max(0.0, self._road.length - self._at.s),
             "clearance": self._clearance,

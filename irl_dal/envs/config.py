@@ -9,7 +9,8 @@ from irl_dal.envs.faults import FaultConfig
 from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.reward import RewardConfig
 from irl_dal.envs.road import LANES
-from irl_dal.envs.track import Track, TrackError
+from irl_dal.envs.track import Track
+from irl_dal.envs.track_file import TrackError
 from irl_dal.envs.traffic import DENSITY
 from shield import LaneGeometry, ScannerGeometry, VehicleGeometry
 
@@ -38,18 +39,12 @@ RANGES: Ranges = {
 
 @dataclass(frozen=True, slots=True)
 class CityConfig:
-    """What the city is like.
-
-    Raises:
-        ValueError: If a field is out of range, naming it and the value received.
-    """
+    """What the city is like; `ValueError` names a field out of range."""
 
     difficulty: Literal["easy", "paper", "hard"] = "paper"  # How much traffic: easy, paper or hard
-    # From start to goal on the average [m]; on a track exactly, a goal every so many metres
-    route_length: float = 500.0
+    route_length: float = 500.0  # From start to goal [m], on the average; on a track exactly
     route_spread: float = 100.0  # How much longer or shorter a generated route may be [m]
-    # TUM centre-line CSV file to drive on; None draws a road from the seed
-    track: str | None = None
+    track: str | None = None  # TUM centre-line file to drive on; None draws a road from the seed
     min_brightness: float = 0.0  # Darkest light, 0 is a dark evening
     max_brightness: float = 1.0  # Brightest light, 1 is noon
     initial_speed: float = 3.0  # Speed at the start [m/s]
@@ -59,26 +54,25 @@ class CityConfig:
     image_size: int = 64  # Edge length of the camera image [px] (Table II)
     image_noise: float = 2.0  # Standard deviation of a pixel's brightness [1/255]
     lidar_beams: int = ScannerGeometry().beams  # Number of beams over 180 degrees (Table II)
-    # Range, and the reading where nothing is hit [m]
-    lidar_range: float = ScannerGeometry().max_range
+    lidar_range: float = ScannerGeometry().max_range  # Also the reading where nothing is hit [m]
     lidar_noise: float = 0.03  # Standard deviation of a reading [m]
     lidar_dropout: float = 0.01  # Probability that a beam returns nothing
-    # camera measures in the image, odometry is the truth with noise
-    lane_sensor: Literal["camera", "odometry"] = "camera"
+    lane_sensor: Literal["camera", "odometry"] = "camera"  # odometry: the truth with noise
     lane_offset_noise: float = 0.06  # Standard deviation of the odometry's lateral offset [m]
     # Outline of the car, or a mapping of it; its wheelbase is a limit's
     vehicle: VehicleGeometry = field(default_factory=VehicleGeometry)
-    # Weights of the reward terms, or a mapping of them
-    reward: RewardConfig = field(default_factory=RewardConfig)
-    # Defects of sensors and actuators, or a mapping of them
-    faults: FaultConfig = field(default_factory=FaultConfig)
+    reward: RewardConfig = field(default_factory=RewardConfig)  # Or a mapping of it
+    faults: FaultConfig = field(default_factory=FaultConfig)  # Or a mapping of it
 
     def __post_init__(self) -> None:
         """Take mappings for the nested parts and check every field."""
         self._nest("vehicle", VehicleGeometry)
         self._nest("reward", RewardConfig)
         self._nest("faults", FaultConfig)
-        self._check_choices()
+        choices_of = {"difficulty": sorted(DENSITY), "lane_sensor": ["camera", "odometry"]}
+        for name, choices in choices_of.items():
+            if getattr(self, name) not in choices:
+                raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
         check_ranges(self, RANGES)
         self._check_pairs()
         if self.track is not None:
@@ -101,12 +95,6 @@ class CityConfig:
             object.__setattr__(self, name, kind(**value))
         elif not isinstance(value, kind):
             raise ValueError(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
-
-    def _check_choices(self) -> None:
-        choices_of = {"difficulty": sorted(DENSITY), "lane_sensor": ["camera", "odometry"]}
-        for name, choices in choices_of.items():
-            if getattr(self, name) not in choices:
-                raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
 
     def _check_pairs(self) -> None:
         if self.min_brightness > self.max_brightness:

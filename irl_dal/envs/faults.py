@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from irl_dal.envs.arrays import Observation
 from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.vehicle import SERVO_RATE
+from shield import ScannerGeometry
 
 FAULT_TIME = 1.0  # Length of one freeze of the camera and of one burst of noise [s]
 # Standard deviation in a burst, of a range [m] and of a pixel [1/255]
@@ -25,18 +26,12 @@ RANGES: Ranges = {
 
 @dataclass(frozen=True, slots=True)
 class FaultConfig:
-    """Strength of each fault; the defaults are no fault at all.
-
-    Raises:
-        ValueError: If a field is out of range, naming it and the value received.
-    """
+    """Strength of each fault; the defaults are no fault at all."""
 
     dead_beams: float = 0.0  # Share of LiDAR beams that never return anything
     stuck_beams: float = 0.0  # Share of LiDAR beams that always return one and the same range
-    # Share of the time in which the image stands still, `FAULT_TIME` each
-    frozen_camera: float = 0.0
-    # Share of the time in which image and LiDAR are noisy, `FAULT_TIME` each
-    noise_bursts: float = 0.0
+    frozen_camera: float = 0.0  # Share of the time in which the image stands still
+    noise_bursts: float = 0.0  # Share of the time in which image and LiDAR are noisy
     latency: int = 0  # Age of every observation [steps]
     actuator_lag: float = 0.0  # Time constant with which the actuators follow commands [s]
     # Turning rate of the steering servo [rad/s]; 1.2 when healthy, 0.6 is what the shield counts on
@@ -68,24 +63,15 @@ class SensorFaults:
     """
 
     def __init__(
-        self,
-        config: FaultConfig,
-        dt: float,
-        beams: int,
-        max_range: float,
-        rng: np.random.Generator,
+        self, config: FaultConfig, dt: float, scanner: ScannerGeometry, rng: np.random.Generator
     ) -> None:
-        self._config = config
-        self._dt = dt
-        self._max_range = max_range
-        self._rng = rng
+        self._config, self._dt, self._rng = config, dt, rng
+        self._max_range, beams = scanner.max_range, scanner.beams
         order = rng.permutation(beams)
         dead, stuck = round(config.dead_beams * beams), round(config.stuck_beams * beams)
-        self._dead = order[:dead]
-        self._stuck = order[dead : dead + stuck]
-        self._stuck_at = rng.uniform(
-            min(SHORTEST_STUCK, max_range), max_range, len(self._stuck)
-        ).astype(np.float32)
+        self._dead, self._stuck = order[:dead], order[dead : dead + stuck]
+        low = min(SHORTEST_STUCK, self._max_range)
+        self._stuck_at = rng.uniform(low, self._max_range, len(self._stuck)).astype(np.float32)
         self._queue: deque[Observation] = deque(maxlen=config.latency + 1)
         self._frozen_for = self._burst_for = 0
         self._image: NDArray[np.uint8] | None = None

@@ -207,11 +207,16 @@ class LaneCamera:
         if self._last is not None:
             return self._fit(self._thinned(yellow), self._thinned(white), self._last)
         grass = green > GREEN * np.maximum(red, blue)
-        guess = _from_edge(self._thinned(white & grass[self._beside]))
+        edge, guess = self._thinned(white & grass[self._beside]), None
+        if len(edge) >= MIN_WHITE:
+            guess = _parabola(edge)
+            guess[0] -= EDGE_LINE
         found = self._fit(self._thinned(yellow), self._thinned(white), guess)
-        if found is None or _covers(found[0].x, self._thinned(self._nearest & grass)):
+        if found is None:
             return None
-        return found
+        s, d, _ = _coordinates(self._thinned(self._nearest & grass), found[0].x)
+        covered = (d > -HALF_WIDTH + 0.5) & (d < 0.0) & (s > 0.0)
+        return found if int(covered.sum()) <= MAX_GREEN else None
 
     def _thinned(self, mask: Mask) -> Array:
         """Points (n, 3), x, y and blur, of about `MAX_PIXELS` pixels of a mask at most."""
@@ -262,8 +267,7 @@ class LaneCamera:
             x = x - inverse @ (residual @ weighted + prior * (x - centre))
             x[2:] = np.clip(x[2:], -STEEPEST, STEEPEST)
         support = int((np.abs(residual) < 3.0 * sigma + INLIER).sum())
-        covariance: Array = np.asarray(INFLATION * inverse, dtype=np.float64)
-        return _Fit(x, covariance, support, len(residual) - support)
+        return _Fit(x, np.asarray(INFLATION * inverse), support, len(residual) - support)
 
 
 def _parabola(points: Array) -> Array:
@@ -333,22 +337,6 @@ def _shifted(y: Array, way: float) -> NDArray[np.int64]:
     rows, columns = np.indices(y.shape)
     right = columns + np.rint(way / np.maximum(width, LEVEL)).astype(np.int64)
     return np.asarray((rows * y.shape[1] + np.minimum(right, y.shape[1] - 1)).ravel())
-
-
-def _from_edge(edge: Array) -> Array | None:
-    """First guess (4,) from ground points (n, 3) of the edge line; None where it is not seen."""
-    if len(edge) < MIN_WHITE:
-        return None
-    guess = _parabola(edge)
-    guess[0] -= EDGE_LINE
-    return guess
-
-
-def _covers(x: Array, grass: Array) -> bool:
-    """Whether the own direction's lanes along the fit `x` (4,) would cover grass (n, 3)."""
-    s, d, _ = _coordinates(grass, x)
-    inside = (d > -HALF_WIDTH + 0.5) & (d < 0.0) & (s > 0.0)
-    return int(inside.sum()) > MAX_GREEN
 
 
 def _home_lane(x: Array, offset_std: float, heading_std: float) -> LaneMeasurement:

@@ -34,8 +34,9 @@ def _mix(dark: Colour, bright: Colour, share: float) -> Colour:
     return (r, g, b)
 
 
-def daylight(brightness: float, azimuth: float) -> Illumination:
-    """Light for a `brightness`, 0 a dark evening, 1 noon, with the sun at `azimuth` [rad]."""
+def draw_light(rng: np.random.Generator, low: float, high: float) -> Illumination:
+    """Draw a time of day with `brightness` uniform in [`low`, `high`], 0 a dark evening, 1 noon."""
+    brightness, azimuth = float(rng.uniform(low, high)), float(rng.uniform(-np.pi, np.pi))
     elevation = 0.25 + 1.0 * brightness
     level = 0.30 + 0.70 * brightness
     warm = _mix((1.0, 0.78, 0.62), (1.0, 1.0, 0.97), brightness)
@@ -52,8 +53,3 @@ def daylight(brightness: float, azimuth: float) -> Illumination:
         sky=_mix((0.05, 0.06, 0.13), (0.56, 0.75, 0.93), brightness),
         brightness=brightness,
     )
-
-
-def draw_light(rng: np.random.Generator, low: float, high: float) -> Illumination:
-    """Draw a time of day with `brightness` uniform in [`low`, `high`]."""
-    return daylight(float(rng.uniform(low, high)), float(rng.uniform(-np.pi, np.pi)))

@@ -4,7 +4,7 @@ Triangles and bodies are what the software renderer costs, so the road is drawn 
 and go with the car, with the houses and trees beside them.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,7 @@ from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
 from irl_dal.envs.world import World
 
 Strip = tuple[Array, NDArray[np.int64]]
+Size = tuple[float, float, float]
 
 STEP = 3.0  # Edge length of the road's triangles along it [m]
 PIECE = 30.0  # Length of road drawn as one piece [m]
@@ -64,7 +65,7 @@ class Plant:
     y: float  # Position [m]
     yaw: float  # Direction of its walls [rad]
     # Width, depth, height of a house; trunk radius, crown radius, height of a tree [m]
-    size: tuple[float, float, float]
+    size: Size
     colour: Colour  # Of walls or crown
     tree: bool  # Which of the two it is
 
@@ -105,18 +106,15 @@ class Scenery:
         offsets = [-LANE_WIDTH]
         if float(np.interp([start, stop], road.s, road.left_edge).min()) > TWO_LANES:
             offsets.append(LANE_WIDTH)
-        dashed = [
-            self._strip(s, min(s + DASH, end), d, LINE_WIDTH, PAINT)
-            for s in dashes
-            for d in offsets
-        ]
-        inset = HALF_WIDTH - EDGE_LINE
+        places = [(s, min(s + DASH, end), d) for s in dashes for d in offsets]
+        dashed = [self._strip(*place, LINE_WIDTH, PAINT) for place in places]
+        inset, half = HALF_WIDTH - EDGE_LINE, 0.5 * LINE_WIDTH
         edges = [
             self._strip(start, stop, -EDGE_LINE, LINE_WIDTH, PAINT),
-            self._left_strip(
-                start, stop, inset - 0.5 * LINE_WIDTH, inset + 0.5 * LINE_WIDTH, PAINT
-            ),
+            self._left_strip(start, stop, inset - half, inset + half, PAINT),
         ]
+        right = road.line(start, stop, -HALF_WIDTH, STEP)
+        bed = road.left_line(start, stop, 0.0, STEP), right
         kerbs = [
             self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, SURFACE),
             self._left_strip(start, stop, -GUTTER, 0.0, SURFACE),
@@ -124,15 +122,9 @@ class Scenery:
         return [
             self._mesh(edges + dashed, WHITE),
             self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
-            self._mesh([self._bed(start, stop)], ASPHALT),
+            self._mesh([ribbon(*bed, SURFACE)], ASPHALT),
             self._mesh(kerbs, KERB),
         ]
-
-    def _bed(self, start: float, stop: float) -> Strip:
-        """The road from edge to edge."""
-        left = self._road.left_line(start, stop, 0.0, STEP)
-        right = self._road.line(start, stop, -HALF_WIDTH, STEP)
-        return ribbon(left, right, SURFACE)
 
     def _strip(self, start: float, stop: float, d: float, width: float, height: float) -> Strip:
         left = self._road.line(start, stop, d + 0.5 * width, STEP)
@@ -157,7 +149,8 @@ class Scenery:
         s = 0.0
         while s < self._road.length + BEYOND_GOAL:
             s += float(rng.uniform(*SPREAD))
-            plant, room = _house(rng) if rng.random() < HOUSES else _tree(rng)
+            tree = rng.random() >= HOUSES
+            size, colour, room = _tree(rng) if tree else _house(rng)
             side = float(rng.choice([-1.0, 1.0]))
             left = float(np.interp(s, self._road.s, self._road.left_edge))
             edge = HALF_WIDTH if side < 0.0 else left
@@ -166,8 +159,8 @@ class Scenery:
             away = np.hypot(*(self._road.points - (x, y)).T).min()
             if away < min(abs(d) - 0.5, HALF_WIDTH + room):
                 continue
-            placed = replace(plant, x=x, y=y, yaw=yaw)
-            self._plants.setdefault(int(np.floor(s / PIECE)), []).append(placed)
+            plant = Plant(x, y, yaw, size, colour, tree)
+            self._plants.setdefault(int(np.floor(s / PIECE)), []).append(plant)
 
     def _build(self, plant: Plant) -> list[int]:
         width, depth, height = plant.size
@@ -182,17 +175,15 @@ class Scenery:
         return [house]
 
 
-def _house(rng: np.random.Generator) -> tuple[Plant, float]:
-    """A house somewhere, and how far from the edge its middle has to be [m]."""
+def _house(rng: np.random.Generator) -> tuple[Size, Colour, float]:
+    """Size and colour of a house, and how far from the edge its middle has to be [m]."""
     width, depth, height = (float(v) for v in rng.uniform(SMALLEST_HOUSE, LARGEST_HOUSE))
     r, g, b = (float(v) for v in rng.uniform(DARKEST_WALL, BRIGHTEST_WALL))
-    return Plant(
-        0.0, 0.0, 0.0, (width, depth, height), (r, g, b), tree=False
-    ), HOUSE_ROOM + 0.5 * depth
+    return (width, depth, height), (r, g, b), HOUSE_ROOM + 0.5 * depth
 
 
-def _tree(rng: np.random.Generator) -> tuple[Plant, float]:
+def _tree(rng: np.random.Generator) -> tuple[Size, Colour, float]:
     trunk, crown, height = (float(v) for v in rng.uniform(SMALLEST_TREE, LARGEST_TREE))
     green = float(rng.uniform(*GREENS))
     colour = (0.45 * green, green, 0.35 * green)
-    return Plant(0.0, 0.0, 0.0, (trunk, crown, height), colour, tree=True), TREE_ROOM + crown
+    return (trunk, crown, height), colour, TREE_ROOM + crown

@@ -20,11 +20,8 @@ class Lidar:
     def __init__(
         self, world: World, geometry: ScannerGeometry, noise: float, dropout: float
     ) -> None:
-        self._world = world
-        self._noise = noise
-        self._dropout = dropout
-        self._mount = geometry.mount
-        self.max_range = geometry.max_range
+        self._world, self._noise, self._dropout = world, noise, dropout
+        self._mount, self.max_range = geometry.mount, geometry.max_range
         self.angles: Array = geometry.angles
 
     def scan(self, state: VehicleState) -> Array:
@@ -54,9 +51,7 @@ class Camera:
     PITCH = 0.19  # Of the axis below the horizon [rad]
 
     def __init__(self, world: World, size: int, noise: float) -> None:
-        self._world = world
-        self._size = size
-        self._noise = noise
+        self._world, self._size, self._noise = world, size, noise
 
     def measure(
         self, state: VehicleState, light: Illumination, rng: np.random.Generator
@@ -65,13 +60,9 @@ class Camera:
         ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
         eye = np.array([state.x, state.y]) + self.FORWARD * ahead
         aim = eye + ahead
-        pose = CameraPose(
-            eye=(float(eye[0]), float(eye[1]), self.HEIGHT),
-            target=(float(aim[0]), float(aim[1]), self.HEIGHT - float(np.tan(self.PITCH))),
-            field_of_view=self.FIELD_OF_VIEW,
-            width=self._size,
-            height=self._size,
-        )
+        target = (*aim.tolist(), self.HEIGHT - float(np.tan(self.PITCH)))
+        sight = (self.FIELD_OF_VIEW, self._size, self._size)
+        pose = CameraPose((*eye.tolist(), self.HEIGHT), target, *sight)
         image = self._world.render(pose, light)
         grain = rng.standard_normal(image.shape[:2], dtype=np.float32) * np.float32(self._noise)
         noisy = image + grain[..., None]
@@ -94,8 +85,7 @@ class LaneSensor:
         self._road = road
         self._offset_noise = offset_noise
         self._ahead = np.arange(0.0, self.PREVIEW + 0.5, 1.0)
-        terms = np.stack([self._ahead, 0.5 * self._ahead**2], axis=1)
-        self._fit = np.linalg.pinv(terms)
+        self._fit = np.linalg.pinv(np.stack([self._ahead, 0.5 * self._ahead**2], axis=1))
 
     def measure(
         self, state: VehicleState, at: RoadPoint, rng: np.random.Generator

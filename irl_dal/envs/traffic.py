@@ -8,6 +8,7 @@ enters the ego's lanes only where the ego can stop before the crossing at 2 m/s^
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 import numpy as np
 
@@ -69,12 +70,7 @@ ORANGE: Colour = (0.90, 0.40, 0.08)
 MAGENTA: Colour = (0.85, 0.15, 0.60)
 SKIN: Colour = (0.80, 0.60, 0.48)
 GLASS: Colour = (0.13, 0.15, 0.19)
-PAINTS: tuple[Colour, ...] = (
-    (0.16, 0.24, 0.52),
-    (0.78, 0.78, 0.80),
-    (0.10, 0.10, 0.11),
-    (0.20, 0.42, 0.30),
-)
+PAINTS = ((0.16, 0.24, 0.52), (0.78, 0.78, 0.80), (0.10, 0.10, 0.11), (0.20, 0.42, 0.30))
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +126,10 @@ class Obstacle:
             return ORANGE if self.kind == "barrel" else MAGENTA
         return PAINTS[int(self.size[0] * 100.0) % len(PAINTS)]
 
+    def is_hidden_by(self, car: Self) -> bool:
+        """Whether a slow car hides a pedestrian here from the ego."""
+        return car.cruise > 0.0 and -HIDDEN_AHEAD < self.s - car.s < HIDING
+
 
 @dataclass(frozen=True, slots=True)
 class TrafficDensity:
@@ -164,9 +164,7 @@ class Traffic:
         rng: np.random.Generator,
         vehicle: VehicleGeometry,
     ) -> None:
-        self._world = world
-        self._vehicle = vehicle
-        self._road = road
+        self._world, self._road, self._vehicle = world, road, vehicle
         own = self._own_lane(density, rng)
         self.obstacles = own + self._pedestrians(density, own, rng) + self._oncoming(density, rng)
         for obstacle in self.obstacles:
@@ -177,7 +175,7 @@ class Traffic:
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
                 gap = obstacle.s - ego.s - self._vehicle.front_bumper
-                wait = any(_hides(car, obstacle.s) for car in self.obstacles)
+                wait = any(map(obstacle.is_hidden_by, self.obstacles))
                 obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
                 continue
@@ -214,10 +212,7 @@ class Traffic:
         slack = np.sort(rng.uniform(0.0, max(0.0, room - (count - 1) * density.min_gap), count))
         drawn = start + slack + density.min_gap * np.arange(count)
         places = [self._calm_place(float(s), stop) for s in drawn]
-        return [
-            self._slow_car(float(s), rng) if rng.random() < share else self._standing(float(s), rng)
-            for s in places
-        ]
+        return [_home_obstacle(s, share, rng) for s in places]
 
     def _calm_place(self, s: float, stop: float) -> float:
         """`s`, or the next place before `stop` around which the road does not bend too much [m]."""
@@ -245,16 +240,6 @@ class Traffic:
                 drawn.append(Obstacle("pedestrian", size, s, crossing.start, crossing=crossing))
         return drawn
 
-    def _standing(self, s: float, rng: np.random.Generator) -> Obstacle:
-        d = HOME_LANE + float(rng.uniform(-SIDEWAYS, SIDEWAYS))
-        if rng.random() < BARRELS:
-            return Obstacle("barrel", BARREL, s, d)
-        return Obstacle("car", _car_size(rng), s, d)
-
-    def _slow_car(self, s: float, rng: np.random.Generator) -> Obstacle:
-        size = _car_size(rng)
-        return Obstacle("car", size, s, HOME_LANE, cruise=float(rng.uniform(*SLOW_SPEEDS)))
-
     def _oncoming(self, density: TrafficDensity, rng: np.random.Generator) -> list[Obstacle]:
         """Oncoming cars on the road and beyond it."""
         span = ONCOMING_SPAN * self._road.length
@@ -262,15 +247,12 @@ class Traffic:
         offsets = (-PASSING_LANE, -HOME_LANE)
         lanes = {lane: 0.0 for lane in offsets if lane + LANE_SHARE * LANE_WIDTH < room}
         cars: list[Obstacle] = []
-        if not lanes:
-            return cars
-        for _ in range(round(density.oncoming * span / 100.0)):
+        for _ in range(round(density.oncoming * span / 100.0) if lanes else 0):
             lane = float(rng.choice(list(lanes)))
             lanes[lane] += ONCOMING_GAP + float(rng.exponential(ONCOMING_SPREAD / density.oncoming))
             speed = INNER_SPEED if lane == -PASSING_LANE else OUTER_SPEED
-            size = _car_size(rng)
-            s = ONCOMING_START + lanes[lane]
-            cars.append(Obstacle("car", size, s, lane, cruise=speed, speed=speed))
+            place = ONCOMING_START + lanes[lane], lane
+            cars.append(Obstacle("car", _car_size(rng), *place, cruise=speed, speed=speed))
         return cars
 
     def _build(self, obstacle: Obstacle) -> tuple[int, ...]:
@@ -312,9 +294,14 @@ class Traffic:
             self._world.move(cabin, at, yaw)
 
 
-def _hides(car: Obstacle, s: float) -> bool:
-    """Whether a slow car hides a pedestrian at `s` [m] from the ego."""
-    return car.cruise > 0.0 and -HIDDEN_AHEAD < s - car.s < HIDING
+def _home_obstacle(s: float, share: float, rng: np.random.Generator) -> Obstacle:
+    """A slow car, with a probability of `share`, or a standing obstacle at `s` [m]."""
+    if rng.random() < share:
+        size = _car_size(rng)
+        return Obstacle("car", size, s, HOME_LANE, cruise=float(rng.uniform(*SLOW_SPEEDS)))
+    d = HOME_LANE + float(rng.uniform(-SIDEWAYS, SIDEWAYS))
+    barrel = rng.random() < BARRELS
+    return Obstacle("barrel", BARREL, s, d) if barrel else Obstacle("car", _car_size(rng), s, d)
 
 
 def _car_size(rng: np.random.Generator) -> tuple[float, float, float]:

@@ -56,11 +56,8 @@ class Vehicle:
                 f"Got {wheelbase}."
             )
         self._world, self._bullet = world, world.bullet
-        self._wheelbase = wheelbase
-        # Halfway between the axles, where Bullet keeps the base frame [m].
-        self._centre = 0.5 * wheelbase
-        self._servo_rate = servo_rate
-        self._speed = 0.0
+        self._wheelbase, self._servo_rate, self._speed = wheelbase, servo_rate, 0.0
+        self._centre = 0.5 * wheelbase  # Between the axles, where Bullet keeps the base frame [m]
         self.body = world.car(
             wheelbase=wheelbase,
             centre_of_mass=self._centre,
@@ -72,9 +69,8 @@ class Vehicle:
         rows = [bullet.getJointInfo(self.body, j) for j in range(bullet.getNumJoints(self.body))]
         joints = {row[1].decode(): int(row[0]) for row in rows}
         self._steer = [joints["front_left_steer"], joints["front_right_steer"]]
-        self._spin = [
-            joints[f"{end}_{side}_spin"] for end in ("front", "rear") for side in ("left", "right")
-        ]
+        wheels = ("front_left", "front_right", "rear_left", "rear_right")
+        self._spin = [joints[f"{wheel}_spin"] for wheel in wheels]
         for link in self._spin:
             bullet.changeDynamics(self.body, link, lateralFriction=GRIP)
 
@@ -85,10 +81,12 @@ class Vehicle:
         self._world.move(self.body, (float(at[0]), float(at[1]), BASE_HEIGHT), yaw)
         velocity = (*(speed * ahead).tolist(), 0.0)
         self._bullet.resetBaseVelocity(self.body, velocity, [0.0, 0.0, 0.0])
-        for joint in self._steer:
-            self._bullet.resetJointState(self.body, joint, 0.0, 0.0)
-        for joint in self._spin:
-            self._bullet.resetJointState(self.body, joint, 0.0, speed / WHEEL_RADIUS)
+        rates = {
+            **dict.fromkeys(self._steer, 0.0),
+            **dict.fromkeys(self._spin, speed / WHEEL_RADIUS),
+        }
+        for joint, rate in rates.items():
+            self._bullet.resetJointState(self.body, joint, 0.0, rate)
         self._speed = speed
         self.drive(0.0, speed)
 
@@ -113,20 +111,13 @@ class Vehicle:
                 positionGain=SERVO_GAIN,
                 velocityGain=1.0,
             )
-        faster = speed > self._speed
-        pull = DRIVE_ACCELERATION if faster else BRAKE_DECELERATION
+        pull = DRIVE_ACCELERATION if speed > self._speed else BRAKE_DECELERATION
         torque = 0.25 * MASS * pull * WHEEL_RADIUS
         wheels = ((wheelbase, half), (wheelbase, -half), (0.0, half), (0.0, -half))
         for joint, (x, y) in zip(self._spin, wheels, strict=True):
             own = speed * float(np.hypot(1.0 - y * curvature, x * curvature))
-            rate = own / WHEEL_RADIUS
-            bullet.setJointMotorControl2(
-                self.body, joint, bullet.VELOCITY_CONTROL, targetVelocity=rate, force=torque
-            )
-
-    def advance(self, duration: float) -> None:
-        """Let the world go on for `duration` [s]."""
-        self._world.step(duration)
+            control = {"targetVelocity": own / WHEEL_RADIUS, "force": torque}
+            bullet.setJointMotorControl2(self.body, joint, bullet.VELOCITY_CONTROL, **control)
 
     def touches(self) -> bool:
         """Whether the car touches anything but the ground."""

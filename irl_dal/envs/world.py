@@ -47,6 +47,7 @@ ROUNDING = 1e-9
 SOLVER_ITERATIONS = 20
 GRASS: Colour = (0.24, 0.42, 0.18)  # Of the meadow around everything
 GRAVITY = 9.81  # [m/s^2]
+UP, CLIPPING = (0.0, 0.0, 1.0), (0.3, 90.0)  # Of the camera: upwards, near and far distance [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,12 +59,9 @@ class CameraPose:
     field_of_view: float  # Vertical opening angle [deg]
     width: int  # Image width [px]
     height: int  # Image height [px]
-    up: Sequence[float] = (0.0, 0.0, 1.0)  # Direction (3,) that is up in the image
-    near: float = 0.3  # Near clipping distance [m]
-    far: float = 90.0  # Far clipping distance [m]
 
     def sees_ground(self) -> NDArray[np.bool_]:
-        """Which image rows (height,) look below the horizon; `up` has to be upwards."""
+        """Which image rows (height,) look below the horizon."""
         sight = np.subtract(self.target, self.eye)
         slope = float(sight[2]) / float(np.hypot(sight[0], sight[1]))
         half = 0.5 * self.height
@@ -159,9 +157,8 @@ class World:
     def box(self, size: Sequence[float], colour: Colour, *, solid: bool = True) -> int:
         """Add a static box of edge lengths `size` (3,) [m], to be placed with `move`."""
         half = [0.5 * edge for edge in size]
-        visual = self.bullet.createVisualShape(
-            pybullet.GEOM_BOX, halfExtents=half, rgbaColor=[*colour, 1.0]
-        )
+        look = {"halfExtents": half, "rgbaColor": [*colour, 1.0]}
+        visual = self.bullet.createVisualShape(pybullet.GEOM_BOX, **look)
         return self._static(visual, solid, pybullet.GEOM_BOX, halfExtents=half)
 
     def cylinder(self, radius: float, height: float, colour: Colour, *, solid: bool = True) -> int:
@@ -223,10 +220,9 @@ class World:
 
         The meadow is no body: so many pixels would cost a third of the picture.
         """
-        view = pybullet.computeViewMatrix(camera.eye, camera.target, camera.up)
-        projection = pybullet.computeProjectionMatrixFOV(
-            camera.field_of_view, camera.width / camera.height, camera.near, camera.far
-        )
+        view = pybullet.computeViewMatrix(camera.eye, camera.target, UP)
+        shape, aspect = (camera.height, camera.width), camera.width / camera.height
+        projection = pybullet.computeProjectionMatrixFOV(camera.field_of_view, aspect, *CLIPPING)
         _, _, rgba, depth, _ = self.bullet.getCameraImage(
             camera.width,
             camera.height,
@@ -241,17 +237,13 @@ class World:
             renderer=pybullet.ER_TINY_RENDERER,
             flags=pybullet.ER_NO_SEGMENTATION_MASK,
         )
-        shape = (camera.height, camera.width)
         image = np.asarray(rgba, dtype=np.uint8).reshape(*shape, 4)
         rows = camera.sees_ground()[:, None, None]
         background = np.zeros((camera.height, 1, 4), dtype=np.uint8)
         background[..., :3] = np.where(rows, light.on_ground(GRASS), 255.0 * np.array(light.sky))
         # A pixel as one number: seven times as fast as three channels at once.
-        drawn = np.where(
-            np.reshape(depth, shape) >= 1.0,
-            background.view(np.uint32)[..., 0],
-            image.view(np.uint32)[..., 0],
-        )
+        empty = np.reshape(depth, shape) >= 1.0
+        drawn = np.where(empty, background.view(np.uint32)[..., 0], image.view(np.uint32)[..., 0])
         return drawn.view(np.uint8).reshape(*shape, 4)[..., :3]
 
 

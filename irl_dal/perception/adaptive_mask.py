@@ -51,7 +51,7 @@ class LearnableAdaptiveMask(nn.Module):
         return (1.0 + self.alpha_speed.clamp(min=0.0)) * (1.0 + self.alpha_lidar.clamp(min=0.0))
 
     def forward(self, speed: Tensor, lidar: Tensor, rows: int) -> Tensor:
-        """M-hat_t (B, 1, rows, 1) in [0, 1], of speed (B, 1) [m/s] and scan (B, n) [m]; rows > 1."""
+        """M-hat_t (B, 1, rows, 1) in [0, 1], of speed (B, 1) [m/s] and scan (B, n) [m]."""
         lower = self.lower_weight(self.speed_level(speed), self.hazard_level(lidar))
         ramp = torch.linspace(0.0, 1.0, rows, dtype=lower.dtype, device=lower.device)
         mask = lower * ramp  # Eq. mask_gradient, (B, rows)

@@ -51,7 +51,7 @@ def exposed(image: Tensor) -> Tensor:
 
 
 class ImageEncoder(nn.Module):
-    """Three convolutions (kernels 5, 3, 3, stride 2, ReLU) and a flatten: z_vision (`features`,)."""
+    """Three convolutions (kernels 5, 3, 3, stride 2, ReLU) and a flatten: z_vision."""
 
     def __init__(self, channels: int, height: int, width: int) -> None:
         super().__init__()
@@ -134,7 +134,7 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         )
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """`image` as `channels_first` takes it, `lidar` (B, 180), `speed` (B, 1) to s_t (B, 512)."""
+        """`image` as `channels_first` takes it, `lidar` (B, n), `speed` (B, 1) to s_t (B, 512)."""
         lidar, speed = observations["lidar"], observations["speed"]
         image = channels_first(observations["image"])
         if self.config.exposure:

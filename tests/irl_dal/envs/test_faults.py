@@ -7,11 +7,12 @@ import pytest
 
 from irl_dal.envs import FAULTS, CityConfig, CityEnv, FaultConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
+from shield import ScannerGeometry
 
 
 def observations(config: FaultConfig, steps: int = 60) -> list[dict[str, np.ndarray]]:
     """What comes out when step n goes in: every value of it is n."""
-    faults = SensorFaults(config, 0.1, 180, 40.0, np.random.default_rng(0))
+    faults = SensorFaults(config, 0.1, ScannerGeometry(), np.random.default_rng(0))
     return [
         faults.apply(
             {

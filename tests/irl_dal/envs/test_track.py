@@ -9,8 +9,8 @@ import pytest
 from irl_dal.config import ConfigError, RunConfig, parse, to_mapping
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE
-from irl_dal.envs.track import Track, TrackError
-from irl_dal.envs.track_file import TrackFile
+from irl_dal.envs.track import Track
+from irl_dal.envs.track_file import TrackError, TrackFile
 
 HEADER = "# x_m,y_m,w_tr_right_m,w_tr_left_m\n"
 ANGLES = np.linspace(0.0, 2.0 * np.pi, 80, endpoint=False)

@@ -114,7 +114,7 @@ def test_the_wheelbase_is_the_limits_s(wheelbase: float, world: World) -> None:
     car.place(0.0, 0.0, 0.0, 5.0)
     for _ in range(15):
         car.drive(0.1, 5.0)
-        car.advance(0.1)
+        world.step(0.1)
     state = car.state()
     assert state.yaw_rate == pytest.approx(state.speed * np.tan(0.1) / wheelbase, rel=0.02)
 
