@@ -21,19 +21,15 @@ SHORTEST_ROUTE, LONGEST_ROUTE = 80.0, 10_000.0
 RANGES: Ranges = {
     "route_length": (SHORTEST_ROUTE, LONGEST_ROUTE),
     "route_spread": (0.0, LONGEST_ROUTE),
-    "min_brightness": (0.0, 1.0),
-    "max_brightness": (0.0, 1.0),
+    **dict.fromkeys(("min_brightness", "max_brightness", "lidar_dropout"), (0.0, 1.0)),
+    **dict.fromkeys(("collision_distance", "lidar_noise", "lane_offset_noise"), (0.0, 100.0)),
     "initial_speed": (0.0, 50.0),  # the observation space ends there
     "time_limit": (1.0, 1e5),
-    "collision_distance": (0.0, 100.0),
     "obstacle_sight": (0.0, 1e3),
     "image_size": (32, 1024),
     "image_noise": (0.0, 255.0),
     "lidar_beams": (2, 16_384),  # Bullet's largest batch of rays
     "lidar_range": (1.0, 1e3),
-    "lidar_noise": (0.0, 100.0),
-    "lidar_dropout": (0.0, 1.0),
-    "lane_offset_noise": (0.0, 100.0),
 }
 
 

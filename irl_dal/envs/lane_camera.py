@@ -33,8 +33,7 @@ Mask = NDArray[np.bool_]
 # Least yellowness min(R, G) - B and least brightness of a line, in units of the road's grey
 YELLOW, WHITE = 1.35, 2.4
 NEAR, FAR = 1.5, 32.0  # Ground that is looked at, from the rear axle [m]
-# White dashes beyond this distance are single pixels that could belong to anything [m]
-WHITE_FAR = 16.0
+WHITE_FAR = 16.0  # White dashes beyond are single pixels that could belong to anything [m]
 MIN_YELLOW, MIN_WHITE = 5, 10  # Fewest pixels of a line
 MAX_PIXELS = 80  # Pixels of one colour that take part; about as many give the road's grey
 GATE = 1.1  # A white pixel this near to a line belongs to it [m]
@@ -42,15 +41,12 @@ GATE = 1.1  # A white pixel this near to a line belongs to it [m]
 MAX_COAST = 4.0
 # Least ratio of green to red and blue of grass, and how much of it is taken for an obstacle
 GREEN, MAX_GREEN = 1.25, 6
-# Deviations beyond which there is no measurement [m], [rad]
-MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08
+MAX_OFFSET_STD, MAX_HEADING_STD = 0.30, 0.08  # Beyond, there is no measurement [m], [rad]
 VERGE = 1.0  # Distance to the right of the edge line at which there is grass behind the kerb [m]
 DARKEST = 5.0  # Grey of the road below which nothing is measured [1/255]
 PIXEL_ERROR = 0.29  # Standard deviation of a point within its pixel [px], uniform
-# Tangent of the usual angle between line and view: so much of an error in range is sideways
-SLANT = 0.25
-# Offsets of the own direction's white lines from the yellow one [m]
-WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])
+SLANT = 0.25  # Tangent of the usual angle of line and view: share of a range's error sideways
+WHITE_LINES = np.array([-LANE_WIDTH, -EDGE_LINE])  # From the yellow one, own direction [m]
 # Deviations of a line's pixels from its middle [m]: uniform over its width, 0.03 m more for what
 # is not known of the white ones
 SIGMA_YELLOW = CENTRE_WIDTH / math.sqrt(12.0)
@@ -59,17 +55,14 @@ SIGMA_WHITE = LINE_WIDTH / math.sqrt(12.0) + 0.03
 # last fit: offset and heading are free, a road bends with 25 m and more
 PRIOR_STD, KEPT_STD = np.array([30.0, 1.0, 0.04, 0.0015]), np.array([30.0, 1.0, 0.012, 0.0012])
 STEEPEST = np.array([0.12, 0.01])  # Largest curvature [1/m] and rate [1/m^2] of a fit
-# Of the covariance: neighbouring pixels share their error; chosen by the normalised errors
-INFLATION = 0.7
-# Width of Tukey's weights beyond three deviations, from round to round [m]
-WIDTHS = (1.2, 0.5, 0.15)
+INFLATION = 0.7  # Of the covariance: neighbours share errors; chosen by the normalised errors
+WIDTHS = (1.2, 0.5, 0.15)  # Of Tukey's weights beyond three deviations, round by round [m]
 INLIER = 0.1  # A pixel nearer than this, beyond three deviations, supports a fit [m]
 # Share of strays that the last fit's continuation may have; of support that a first fit needs
 MAX_STRAYS, MIN_SUPPORT = 0.15, 0.6
 # Ratio of lengths at an offset and on the line; beyond the centre of a bend there is none
 MIN_STRETCH, MAX_STRETCH = 0.3, 3.0
-# Least deviations that are reported [m], [rad]
-MIN_OFFSET_STD, MIN_HEADING_STD = 0.04, 0.006
+MIN_OFFSET_STD, MIN_HEADING_STD = 0.04, 0.006  # Least deviations that are reported [m], [rad]
 # Normal matrix of the first guess's prior, and its Cauchy weights' widths [m]
 PARABOLA_PRIOR, PARABOLA_WIDTHS = np.diag([1e-6, 1.0, 400.0]), (3.0, 1.5, 0.8)
 GREY_ASIDE, GREY_FAR = 2.0, 14.0  # Ground that gives the road's grey, to both sides and ahead [m]

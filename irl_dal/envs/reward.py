@@ -21,8 +21,7 @@ SMOOTHNESS = 0.1  # Loss for a steering rate of 1 rad/s
 REFERENCE_SPEED = 8.0  # Earns the whole of `progress` [m/s]; the expert cruises at 9
 CENTRING = 0.4  # For a step in the middle of the lane that the mode asks for
 CENTRING_WIDTH = 0.6  # Offset at which centring has fallen to 1/e [m]: a third of a car's width
-# Clearance below which a step is a near miss [m], half a metre above d_collision
-NEAR_MISS_DISTANCE = 1.5
+NEAR_MISS_DISTANCE = 1.5  # Clearance of a near miss [m], half a metre above d_collision
 RELAXED = 0.5  # Share of the clearance loss while no obstacle is being passed
 RANGES: Ranges = dict.fromkeys(("progress", "crash", "goal"), (0.0, 1e6))
 

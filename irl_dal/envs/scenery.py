@@ -20,10 +20,8 @@ STEP = 3.0  # Edge length of the road's triangles along it [m]
 PIECE = 30.0  # Length of road drawn as one piece [m]
 BEHIND, AHEAD = 15.0, 75.0  # How far around the car the road is drawn [m]
 DASH, GAP = 3.0, 4.5  # Dashed lane line: painted and unpainted length [m]
-# White lines and the yellow centre line [m], as wide as a double line with its gap
-LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40
-# Middle of the solid white line at the edge, from the centre line [m]
-EDGE_LINE = HALF_WIDTH - 0.15
+LINE_WIDTH, CENTRE_WIDTH = 0.20, 0.40  # White lines; yellow one, as a double line with its gap [m]
+EDGE_LINE = HALF_WIDTH - 0.15  # Middle of the solid white line at the edge [m]
 GUTTER = 0.4  # Width of the kerb [m]
 # Height of the lines above the ground [m]: the renderer's depth buffer needs the distance
 PAINT = 0.04
@@ -39,11 +37,8 @@ SMALLEST_HOUSE, LARGEST_HOUSE = (8.0, 6.0, 4.0), (16.0, 10.0, 10.0)  # Width, de
 SMALLEST_TREE, LARGEST_TREE = (0.15, 1.0, 3.5), (0.30, 2.2, 7.0)
 DARKEST_WALL, BRIGHTEST_WALL = (0.45, 0.35, 0.30), (0.75, 0.65, 0.60)
 GREENS = (0.26, 0.42)
-BARK: Colour = (0.30, 0.22, 0.15)
-ASPHALT: Colour = (0.27, 0.27, 0.29)
-KERB: Colour = (0.52, 0.52, 0.50)
-WHITE: Colour = (0.92, 0.92, 0.92)
-YELLOW: Colour = (0.95, 0.75, 0.05)
+BARK, ASPHALT, KERB = (0.30, 0.22, 0.15), (0.27, 0.27, 0.29), (0.52, 0.52, 0.50)
+WHITE, YELLOW = (0.92, 0.92, 0.92), (0.95, 0.75, 0.05)
 
 
 def ribbon(left: Array, right: Array, height: float) -> Strip:

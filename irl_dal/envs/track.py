@@ -27,13 +27,11 @@ MIN_LEFT_RADIUS, MIN_RADIUS = 5.0, 8.0
 # where the file's line is tighter, the lanes swing to the left as far as it is wide
 MIN_RIGHT_RADIUS = 16.0
 PUSH_LENGTH = 10.0  # Standard deviation of such a move along the road [m]
-# Most moves, and the length of each where the line is tightest [m]: 30 m in all
-PUSHES, PUSH = 60, 0.5
+PUSHES, PUSH = 60, 0.5  # Most moves, each one's length where the line is tightest [m]: 30 m in all
 EDGE_SHARE = 0.8  # The left-hand edge stays within this share of the radius of a bend to the left
 MIN_SAMPLES = 4  # Fewest points of a resampled line: a periodic cubic needs them
 FLAT = 1e-9  # Curvature that is none [1/m]; keeps divisions finite
-# Standard deviation of the Gaussian that takes the surveying noise out of the line [m]
-SMOOTHING = 4.0
+SMOOTHING = 4.0  # Deviation of the Gaussian that takes the surveying noise out of the line [m]
 
 
 @dataclass(frozen=True, slots=True)

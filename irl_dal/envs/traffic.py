@@ -18,10 +18,8 @@ from irl_dal.envs.world import World
 from shield import VehicleGeometry
 
 ACTIVE = 85.0  # Distance from the ego beyond which nothing has a body [m]: the camera sees 75 m
-# Distance to the ego at which a slow car begins to drive [m]: else it would not be met
-PULL_OUT = 60.0
-# A slow car this far before or behind a crossing hides the pedestrian from the ego [m]
-HIDING, HIDDEN_AHEAD = 25.0, 4.0
+PULL_OUT = 60.0  # A slow car begins to drive this near to the ego [m]: else it would not be met
+HIDING, HIDDEN_AHEAD = 25.0, 4.0  # A slow car this far before or behind hides a pedestrian [m]
 # Standing obstacles this far behind or before a crossing would hide it [m]
 SHADOW_BEFORE, SHADOW_BEHIND = 14.0, 28.0
 # Between two crossings, from the start to the first and from the last to the goal [m]
@@ -29,12 +27,10 @@ CROSSING_GAP, FIRST_CROSSING, LAST_CROSSING = 30.0, 45.0, 10.0
 # From the start to the first obstacle of the home lane and from the last to the goal [m]: room to
 # reach the cruising speed, and to return to the lane
 FIRST_OBSTACLE, LAST_OBSTACLE = 40.0, 25.0
-# Standing obstacles are not put where the centre line bends more than this [1/m]
-WIDEST_BEND = 1.0 / 20.0
+WIDEST_BEND = 1.0 / 20.0  # Nothing is put where the centre line bends more than this [1/m]
 # Stretch of road around a standing obstacle that must not bend, and step of its search [m]
 CALM_BEFORE, CALM_BEHIND, CALM_STEP = 15.0, 10.0, 2.0
-# Largest offset of a standing obstacle in its lane [m]; share of barrels among them
-SIDEWAYS, BARRELS = 0.4, 0.4
+SIDEWAYS, BARRELS = 0.4, 0.4  # Largest offset of standing obstacles [m]; share of barrels
 # Of slow cars, and of oncoming cars in their passing and home lane [m/s]
 SLOW_SPEEDS, INNER_SPEED, OUTER_SPEED = (2.0, 5.0), -7.0, -6.0
 # Oncoming cars begin on so many route lengths, from here on [m]; some beyond the road's end
@@ -42,11 +38,9 @@ ONCOMING_SPAN, ONCOMING_START = 2.0, 30.0
 # Least distance between two oncoming cars of a lane, and mean of what is added to it at one car per
 # 100 m [m]
 ONCOMING_GAP, ONCOMING_SPREAD = 15.0, 60.0
-# Share of a lane's width that has to be free on both sides of its centre for oncoming traffic
-LANE_SHARE = 0.45
+LANE_SHARE = 0.45  # Of a lane, free on both sides of its centre for oncoming traffic
 CROSSING_WIDTH = 2.4  # A car brakes for a pedestrian nearer than this to its own line [m]
-# Share of a lane's width within which the ego is ahead of a car and not beside it
-EGO_BESIDE = 0.75
+EGO_BESIDE = 0.75  # Share of a lane within which the ego is ahead of a car, not beside it
 ACCELERATION, DECELERATION = 2.0, 5.0  # Of other cars at most [m/s^2]
 # Length, width and height of barrels, footprint and heights of pedestrians [m]
 BARREL, PEDESTRIAN, PEDESTRIAN_HEIGHTS = (0.7, 0.7, 1.1), (0.5, 0.5), (1.6, 1.9)
@@ -55,8 +49,7 @@ PLACEMENTS = 20  # Places tried for each pedestrian
 PAVEMENT = 1.5  # Distance of start and goal from the edges of the road [m]
 COMFORTABLE = 2.0  # Deceleration at which the ego must be able to stop before the crossing [m/s^2]
 MARGIN = 7.0  # Distance that is then left to the crossing [m]
-# Distance from the ego's lanes at which a pedestrian waits on its own side, and coming from the
-# other side [m]
+# From the ego's lanes to where a pedestrian waits, on their side and coming from the other [m]
 KERB, REFUGE = 0.5, 0.9
 # The ego has passed this far beyond a crossing [m]; below this speed [m/s], and further from the
 # crossing than this [m], it stands to let the pedestrian cross
@@ -66,10 +59,8 @@ EGO_SPEED = 8.0  # Speed of the ego that a pedestrian expects [m/s]: how early i
 FROM_THE_RIGHT = 0.6  # Probability that a pedestrian starts on the ego's side
 # Range of walking speeds [m/s] and of distances to the ego at which the lanes are reached [m]
 SPEEDS, NOTICES = (1.0, 1.5), (30.0, 40.0)
-ORANGE: Colour = (0.90, 0.40, 0.08)
-MAGENTA: Colour = (0.85, 0.15, 0.60)
-SKIN: Colour = (0.80, 0.60, 0.48)
-GLASS: Colour = (0.13, 0.15, 0.19)
+ORANGE, MAGENTA = (0.90, 0.40, 0.08), (0.85, 0.15, 0.60)
+SKIN, GLASS = (0.80, 0.60, 0.48), (0.13, 0.15, 0.19)
 PAINTS = ((0.16, 0.24, 0.52), (0.78, 0.78, 0.80), (0.10, 0.10, 0.11), (0.20, 0.42, 0.30))
 
 

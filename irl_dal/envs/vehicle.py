@@ -15,9 +15,8 @@ GEOMETRY = VehicleGeometry()  # Outline of the car, where no other is asked for
 TRACK, WHEEL_RADIUS = 1.6, 0.33  # Of the body in `car.urdf` [m]
 BASE_HEIGHT = 0.45  # Of the centre of mass above the ground [m], in `car.urdf`
 MASS = 1500.0  # With the wheels [kg]
-DRIVE_ACCELERATION = 6.0
 # What the wheel motors can do [m/s^2]: above the shield's bounds, below the tyres' grip
-BRAKE_DECELERATION = 8.0
+DRIVE_ACCELERATION, BRAKE_DECELERATION = 6.0, 8.0
 SERVO_RATE = 1.2  # Turning rate of the steering hinges [rad/s]
 SERVO_TORQUE, SERVO_GAIN = 4000.0, 0.25  # [N m]; share of the error that a physics step removes
 GROUND = 0  # Bullet's number of the first body, which `World.clear` makes

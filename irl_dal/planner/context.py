@@ -116,23 +116,18 @@ class PlanningContext:
         about [-1, 1] and clipped to [-3, 3]; NaN stays NaN.
         """
         code = np.zeros(CONTEXT_SIZE)
-        self._encode_clearance(code)
+        code[HAZARD] = hazard(self.nearest)
+        code[CLEARANCE] = self.nearest / self.geometry.max_range
+        if self.clearance.valid:
+            code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
+            code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
+            code[CLEARANCE_VALID] = 1.0
         self._encode_lane(code)
         code[SPEED] = self.speed / _SPEED
         code[PREVIOUS_STEERING] = self.previous[0] / _STEERING
         code[PREVIOUS_SPEED] = self.previous[1] / _SPEED
         self._encode_scan(code)
         return np.clip(code, -_LARGEST, _LARGEST).astype(np.float32)
-
-    def _encode_clearance(self, code: Array) -> None:
-        """Hazard level, clearance and closing speed."""
-        nearest = self.nearest
-        code[HAZARD] = hazard(nearest)
-        code[CLEARANCE] = nearest / self.geometry.max_range
-        if self.clearance.valid:
-            code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
-            code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
-            code[CLEARANCE_VALID] = 1.0
 
     def _encode_lane(self, code: Array) -> None:
         """Lane pose and its quality."""

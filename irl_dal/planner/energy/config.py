@@ -21,8 +21,8 @@ class EnergyConfig:
     clearance_weight: float = 1.0  # w_base^lidar; the paper does not give it
     safe_clearance: float = 3.0  # d_safe^plan [m]; the trigger distance of Table II
     clearance_scale: float = 2.0  # s_lidar (Table II) [m]
-    # The obstacle term also looks at the way on which the car stops after the plan with this
-    # deceleration [m/s^2], so that a plan leaves room to brake; None looks at the plan alone, 0.8 s
+    # E_lidar also looks at the way on which the car stops after the plan with this deceleration
+    # [m/s^2], so that a plan leaves room to brake; None looks at the plan alone, 0.8 s
     braking: float | None = 4.0
     jerk_weight: float = 0.1  # w_jerk (Table II)
     stability_weight: float = 0.5  # w_stab (Table II)
