@@ -317,4 +317,5 @@ class ReplayBuffer:
         lengths = np.array([len(group) for group in groups])
         within = (rng.random(size) * lengths[which]).astype(np.int64)
         starts: Indices = np.cumsum(lengths) - lengths
-        return slots[starts[which] + within]
+        drawn: Indices = slots[starts[which] + within]
+        return drawn

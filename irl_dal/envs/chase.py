@@ -11,7 +11,8 @@ from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, World
 
-Pen, Tint = ImageDraw.ImageDraw, tuple[int, int, int]
+Pen = ImageDraw.ImageDraw
+Tint = tuple[int, int, int]
 # Where the camera flies and how far in front of the car it looks [m]
 BEHIND, ABOVE, AHEAD = 10.0, 5.0, 12.0
 FIELD_OF_VIEW = 50.0  # [deg]

@@ -69,10 +69,9 @@ class FastDenoiser:
         self._snapshot = [weight.detach().clone() for weight in network.parameters()]
         device = network.from_step.weight.device
         self._steps = embed_step(torch.from_numpy(k.copy()).to(device))
-        parts = (getattr(network, name) for name in _Unet._fields)
-        self._unet = _Unet(
-            *(_block(part) if isinstance(part, ResidualBlock) else _layer(part) for part in parts)
-        )
+        down, shrink, low = _block(network.down), _layer(network.shrink), _block(network.low)
+        middle, grow, up = _block(network.middle), _layer(network.grow), _block(network.up)
+        self._unet = _Unet(down, shrink, low, middle, grow, up, _layer(network.out))
 
     def is_current(self) -> bool:
         """Whether the network still has the weights of the snapshot."""

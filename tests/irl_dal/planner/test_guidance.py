@@ -64,8 +64,8 @@ def test_a_final_line_search_goes_on_while_the_energy_falls() -> None:
         np.testing.assert_array_equal(before, energy.value(actions))
         reached.append(energy.value(guided))
     assert bool(np.all(np.diff(reached, axis=0) < 0))
-    again = Guidance(energy, GuidanceConfig()).finish(guided)
-    assert bool(np.all(energy.value(again.actions) > 0.9 * reached[-1]))
+    again, _ = Guidance(energy, GuidanceConfig()).finish(guided)
+    assert bool(np.all(energy.value(again) > 0.9 * reached[-1]))
 
 
 def test_guidance_that_is_switched_off_changes_nothing() -> None:
