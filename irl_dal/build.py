@@ -1,14 +1,10 @@
 """From a configuration to the objects that it describes; training and evaluation build alike."""
 
-from __future__ import annotations
-
 import signal
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 from typing import Any
 
-import gymnasium
 import numpy as np
 import torch
 from gymnasium import spaces
@@ -34,9 +30,9 @@ __all__ = [
     "supervision",
 ]
 
+# Spawn keys of the planner's random stream and of the training episodes': none of those that
+# learning splits the seed into.
 _PLANNER, _EPISODES = (1_000,), (1_001,)
-"""Spawn keys of the planner's random stream and of the training episodes': none of those that
-learning splits the seed into."""
 
 
 def build_planner(config: RunConfig) -> DiffusionPlanner | None:
@@ -45,9 +41,8 @@ def build_planner(config: RunConfig) -> DiffusionPlanner | None:
         return None
     stream = np.random.SeedSequence(config.seed, spawn_key=_PLANNER).generate_state(1, np.uint64)
     generator = torch.Generator().manual_seed(int(stream[0] >> 1))
-    return DiffusionPlanner(
-        config.planner, config.limits, generator=generator, solver=config.shield.solver
-    )
+    solver = config.shield.solver
+    return DiffusionPlanner(config.planner, config.limits, generator=generator, solver=solver)
 
 
 def supervision(
@@ -77,9 +72,8 @@ def build_loop(
 
 def build_drivers(config: RunConfig, *, processes: bool) -> VecEnv:
     """The cars of a training, each in a process of its own or not; they drive the same."""
-    build = _alone if processes else _driver
-    cars: list[Callable[[], gymnasium.Env[Any, Any]]] = [
-        partial(build, config, place) for place in range(config.learning.n_envs)
+    cars: Any = [
+        partial(_driver, config, place, processes) for place in range(config.learning.n_envs)
     ]
     return DriverProcesses(cars) if processes else DummyVecEnv(cars)
 
@@ -94,7 +88,9 @@ def load_run(
             of another configuration, or its weights are not finite.
     """
     state = CheckpointStore(run_dir).load().state
-    policy = _policy(config, loop)
+    seen, acted = loop.city.observation_space, loop.city.action_space
+    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
+    policy = build_policy(seen, acted, config.perception)
     try:
         policy.load_state_dict(state["policy"])
         if planner is not None:
@@ -109,20 +105,10 @@ def _safety_filter(config: RunConfig) -> SafetyFilter:
     return SafetyFilter(config.limits, config.shield.solver, deadline=SIMULATED_TIME_DEADLINE)
 
 
-def _policy(config: RunConfig, loop: ControlLoop) -> DrivingPolicy:
-    seen, acted = loop.city.observation_space, loop.city.action_space
-    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
-    return build_policy(seen, acted, config.perception)
-
-
-def _driver(config: RunConfig, place: int) -> Driver:
+def _driver(config: RunConfig, place: int, alone: bool) -> Driver:
+    if alone:  # in a process that does nothing else, and that ends when its parent says so
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+        stay_on_one_thread()
     loop = build_loop(config, supervision(config, build_planner(config), training=True))
     seeds = np.random.SeedSequence(config.seed, spawn_key=_EPISODES)
     return Driver(loop, config.learning, seeds, place)
-
-
-def _alone(config: RunConfig, place: int) -> Driver:
-    """In a process that does nothing else, and that ends when its parent says so."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    stay_on_one_thread()
-    return _driver(config, place)

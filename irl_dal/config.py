@@ -6,8 +6,6 @@ defaults to Hydra as the base of its groups, so that each key is known to it; th
 key that is wrong.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import re
@@ -30,19 +28,7 @@ from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
 from shield import ActuatorLimits, BarrierConfig, TriggerConfig
 
-__all__ = [
-    "ConfigError",
-    "RunConfig",
-    "ShieldConfig",
-    "config_hash",
-    "did_you_mean",
-    "first_line",
-    "is_known",
-    "known_keys",
-    "parse",
-    "register",
-    "to_mapping",
-]
+__all__ = ["ConfigError", "RunConfig", "ShieldConfig", "config_hash", "parse", "to_mapping"]
 
 
 class ConfigError(ValueError):
@@ -51,16 +37,11 @@ class ConfigError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class ShieldConfig:
-    """How the shield takes part in a run; its bounds are `ActuatorLimits`.
+    """How the shield takes part in a run; its bounds are `ActuatorLimits`."""
 
-    Attributes:
-        enabled: Whether it stands between the commands and the actuators. Off for comparisons only.
-        solver: Of every projection, the shield's and the planner's: osqp, or a name of qpsolvers.
-        barrier: Bounds of the command by what is around the car.
-        trigger: When a state is risky enough to ask the planner.
-    """
-
+    # Whether it stands between the commands and the actuators. Off for comparisons only.
     enabled: bool = True
+    # Of every projection, the shield's and the planner's: osqp, or a name of qpsolvers.
     solver: str = "osqp"
     barrier: BarrierConfig = field(default_factory=BarrierConfig)
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
@@ -72,23 +53,17 @@ class ShieldConfig:
             raise ValueError(f"`solver` must be one of {', '.join(known)}. Got {self.solver!r}.")
 
 
-_PLAIN = ("seed", "variant", "preset")
-"""Fields of `RunConfig` that are values, not sections."""
+_PLAIN = ("seed", "variant", "preset")  # fields of `RunConfig` that are values, not sections
 
 
 @dataclass(frozen=True, slots=True)
 class RunConfig:
-    """Everything that a run depends on: a section per part, named as its group in `configs/`.
+    """Everything that a run depends on: a section per part, named as its group in `configs/`."""
 
-    Attributes:
-        seed: Of every random source of the training.
-        variant: Name of the compared method.
-        preset: Name of the extent: default, paper or smoke.
-    """
-
+    # Of every random source of the training.
     seed: Annotated[int, Field(strict=True, ge=0, lt=2**32)] = 0
-    variant: str = "shielded"
-    preset: str = "default"
+    variant: str = "shielded"  # name of the compared method
+    preset: str = "default"  # name of the extent: default, paper or smoke
     env: CityConfig = field(default_factory=CityConfig)
     expert: ExpertConfig = field(default_factory=ExpertConfig)
     limits: ActuatorLimits = field(default_factory=ActuatorLimits)
@@ -102,21 +77,18 @@ class RunConfig:
         """Keep the seeds of evaluation apart from those of training, the axles within the car."""
         wheelbase, bumper = self.limits.wheelbase, self.env.vehicle.front_bumper
         if wheelbase >= bumper:
-            raise ValueError(
-                f"`limits.wheelbase` must be below `env.vehicle.front_bumper` = {bumper}. "
-                f"Got {wheelbase}."
-            )
+            rule = f"must be below `env.vehicle.front_bumper` = {bumper}"
+            raise ValueError(f"`limits.wheelbase` {rule}. Got {wheelbase}.")
         last = self.evaluation.first_seed + self.evaluation.episodes - 1
         if last >= self.learning.first_seed:
+            rule = f"must stay below `learning.first_seed` = {self.learning.first_seed}"
             raise ValueError(
-                "`evaluation.first_seed` and the episodes after it must stay below "
-                f"`learning.first_seed` = {self.learning.first_seed}. Got seeds up to {last}."
+                f"`evaluation.first_seed` and the episodes after it {rule}. Got seeds up to {last}."
             )
 
 
+# Hydra's groups: the sections of `RunConfig`; `variant` and `preset` only change these.
 GROUPS = tuple(entry.name for entry in fields(RunConfig) if entry.name not in _PLAIN)
-"""Hydra's groups: the sections of `RunConfig`; `variant` and `preset` only change these."""
-
 _RUN_CONFIG = TypeAdapter(RunConfig)
 
 
@@ -135,10 +107,14 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
     Raises:
         ConfigError: A key is unknown, or a value has the wrong type or is out of range.
     """
-    mapping = _resolve(composed)
+    mapping: Mapping[str, Any] = composed
     if isinstance(composed, DictConfig):
-        mapping = {key: value for key, value in mapping.items() if key in (*_PLAIN, *GROUPS)}
-    known = set(known_keys())
+        try:
+            resolved: Any = OmegaConf.to_container(composed, resolve=True)
+        except OmegaConfBaseException as error:
+            raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from None
+        mapping = {key: value for key, value in resolved.items() if key in (*_PLAIN, *GROUPS)}
+    known = known_keys()
     for key, value in _leaves(mapping):
         if value == {}:
             raise ConfigError(f"{key} = {{}}: the section is empty")
@@ -186,16 +162,6 @@ def did_you_mean(key: str) -> str:
     elsewhere = [other for other in known if other.split(".")[-1] == key.split(".")[-1]]
     close = get_close_matches(key, elsewhere, n=1, cutoff=0.0) or get_close_matches(key, known, n=1)
     return f"; did you mean {close[0]}?" if close and close[0] != key else ""
-
-
-def _resolve(composed: DictConfig | Mapping[str, Any]) -> dict[str, Any]:
-    if not isinstance(composed, DictConfig):
-        return dict(composed)
-    try:
-        resolved = OmegaConf.to_container(composed, resolve=True)
-    except OmegaConfBaseException as error:
-        raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from None
-    return {str(key): value for key, value in dict(resolved).items()}  # type: ignore[arg-type]
 
 
 def _leaves(mapping: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

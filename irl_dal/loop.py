@@ -12,8 +12,6 @@
 The shield is always there and always last, whatever the source of the command.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -48,37 +46,16 @@ Info = dict[str, Any]
 
 CREEP_SPEED = 2.0  # [m/s] least speed of a stalled car's command: walking pace, enough to get away
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
-TRANSPARENT = (
-    OrderEnforcing,
-    PassiveEnvChecker,
-)  # wrappers of `gymnasium.make` that change nothing
+TRANSPARENT = OrderEnforcing, PassiveEnvChecker  # wrappers of `gymnasium.make`: change nothing
 
 
 @dataclass(frozen=True, slots=True)
 class Supervision:
-    """What stands between the nominal action and the actuators.
+    """What stands between the nominal action and the actuators."""
 
-    Attributes:
-        planner: Proposes a horizon, when its configuration says so; None leaves the nominal action
-            alone.
-        safety_filter: The shield; None lets every command pass (for comparisons only).
-        training: Whether there is an expert to lend the planner its command (E_expert).
-    """
-
-    planner: DiffusionPlanner | None = None
-    safety_filter: SafetyFilter | None = None
-    training: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class _Nominal:
-    """What a step asks for before the shield, as the keys of `info` call it."""
-
-    action: Array
-    command: Array
-    violations: dict[str, bool]
-    plan: Plan | None = None
-    weight: float = 0.0
+    planner: DiffusionPlanner | None = None  # None leaves the nominal action alone
+    safety_filter: SafetyFilter | None = None  # None lets every command pass (comparisons only)
+    training: bool = False  # whether there is an expert to lend the planner its command (E_expert)
 
 
 class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any]]):
@@ -99,14 +76,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
 
     Commands go to the city in physical units, past `step` of anything between the loop and the
     city. Wrappers belong around the loop, not around the city; those that `gymnasium.make` adds and
-    that change nothing are accepted.
-
-    Args:
-        env: The city.
-        expert: Labels every state.
-        supervision: What stands between the nominal action and the actuators.
-        trigger: When a state is risky.
-        barrier: How what is around the car bounds the shield's command; None for the limits alone.
+    that change nothing are accepted. Without a barrier the limits alone bound the shield's command.
 
     Raises:
         TypeError: `env` is no city, or a wrapper is around it.
@@ -133,18 +103,15 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._trigger = RiskTrigger(trigger, self.limits.dt, self._centres)
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:
-            self._barrier = ObstacleBarrier(
-                barrier, self.limits, self._scanner, self.city.config.vehicle
-            )
+            vehicle = self.city.config.vehicle
+            self._barrier = ObstacleBarrier(barrier, self.limits, self._scanner, vehicle)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[Observation, Info]:
         """Begin an episode; every memory of the last one is gone.
 
-        Args:
-            seed: Of the episode: road, traffic, light, noise of the sensors and of the planner.
-            options: As in `CityEnv.reset`.
+        `seed` decides road, traffic, light, noise of the sensors and of the planner.
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self._previous: Array = np.array([0.0, self.city.config.initial_speed])
@@ -159,8 +126,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     def restart_supervision(self, seed: int | None = None) -> None:
         """Let planner, blend and shield forget the past, and go on from the last command.
 
-        Args:
-            seed: Of the planner's noise; None leaves its random stream where it is.
+        Without a seed the planner's random stream stays where it is.
         """
         planner, shield = self.supervision.planner, self.supervision.safety_filter
         if planner is not None:
@@ -184,30 +150,23 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """Drive one step from a normalised nominal action (2,)."""
         nominal = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         own = self.limits.to_command(nominal)
-        violations = {"policy": self._is_violated(own)}
         plan, weight, command = self._supervise(own)
+        commands = {"policy": own}
         if plan is not None:
-            violations["planner"] = self._is_violated(plan.actions[0])
-            violations["blend"] = self._is_violated(command)
-        return self._execute(_Nominal(nominal, command, violations, plan, weight))
+            commands |= {"planner": plan.actions[0], "blend": command}
+        return self._execute(nominal, command, commands, plan, weight)
 
     def step_expert(
         self, disturbance: Array | None = None
     ) -> tuple[Observation, float, bool, bool, Info]:
         """Drive one step with the expert's own command, under the same shield.
 
-        Args:
-            disturbance: Added to the command (2,) [rad, m/s], for demonstrations of recovery.
+        A disturbance (2,) [rad, m/s] is added to the command, for demonstrations of recovery.
         """
         command = self._decision.command
         if disturbance is not None:
             command = np.clip(command + disturbance, self.limits.low, self.limits.high)
-        violations = {"expert": self._is_violated(command)}
-        return self._execute(_Nominal(self.limits.to_action(command), command, violations))
-
-    def _is_violated(self, command: Array) -> bool:
-        """Whether a command (2,) breaks a bound after the last executed one."""
-        return bool(self.limits.violated(command, self._previous))
+        return self._execute(self.limits.to_action(command), command, {"expert": command})
 
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
         """Trigger → plan → blend: the plan, its weight and the command (2,) [rad, m/s]."""
@@ -241,27 +200,34 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
         return risk.risky and (seen or planner.config.without_lane)
 
-    def _execute(self, nominal: _Nominal) -> tuple[Observation, float, bool, bool, Info]:
+    def _execute(
+        self,
+        action: Array,
+        command: Array,
+        sources: dict[str, Array],
+        plan: Plan | None = None,
+        weight: float = 0.0,
+    ) -> tuple[Observation, float, bool, bool, Info]:
         """Shield the command, drive it and assess the state that follows."""
         certificate: Certificate | None = None
-        bounds, shield, plan = CommandBounds(), self.supervision.safety_filter, nominal.plan
-        executed = nominal.command
+        bounds, shield, executed = CommandBounds(), self.supervision.safety_filter, command
         if shield is not None:
             if self._barrier is not None:
                 bounds = self._barrier.bounds(executed, float(self._previous[0]))
-            certificate = shield.filter(
-                executed, plan=None if plan is None else plan.actions, bounds=bounds
-            )
+            planned = None if plan is None else plan.actions
+            certificate = shield.filter(executed, plan=planned, bounds=bounds)
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.city.execute(self._previous)
         info.update(
-            nominal_action=nominal.action,
-            nominal_command=nominal.command,
-            nominal_violations=nominal.violations,
+            nominal_action=action,
+            nominal_command=command,
+            nominal_violations={
+                name: bool(self.limits.violated(asked, before)) for name, asked in sources.items()
+            },
             plan=plan,
             triggered=plan is not None,
-            blend_weight=nominal.weight,
+            blend_weight=weight,
             previous_command=before,
             executed_command=self._previous,
             executed_action=self.limits.to_action(self._previous),
@@ -283,7 +249,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._risk = self._trigger.update(self._distance, lane, speed)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         if self.render_mode is not None:
-            self.city.overlay = self._overlay()
+            risk, text = self._risk, self._decision.mode.name.lower().replace("_", " ")
+            if risk.risky:
+                text += f"   trigger: {', '.join(risk.reasons)}"
+            self.city.overlay = Overlay(risk.risky, text)
         self._context = PlanningContext(
             scan=scan,
             clearance=self._distance,
@@ -306,13 +275,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "context": self._context,
         }
 
-    def _overlay(self) -> Overlay:
-        """The expert's mode and the trigger's reasons, for the rendered view."""
-        text = self._decision.mode.name.lower().replace("_", " ")
-        if self._risk.risky:
-            text += f"   trigger: {', '.join(self._risk.reasons)}"
-        return Overlay(self._risk.risky, text)
-
     def _reference(self) -> Array | None:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""
         planner = self.supervision.planner
@@ -324,14 +286,11 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
 
 def _unwrapped(env: gymnasium.Env[Any, Any]) -> CityEnv:
     """The city inside of wrappers that change nothing."""
-    layer: gymnasium.Env[Any, Any] = env
-    while isinstance(layer, gymnasium.Wrapper):
-        if type(layer) not in TRANSPARENT:
-            raise TypeError(
-                f"`env` is wrapped in {type(layer).__name__}, which the loop would drive past: "
-                "put that wrapper around the loop."
-            )
-        layer = layer.env
-    if not isinstance(layer, CityEnv):
-        raise TypeError(f"`env` must be a CityEnv. Got {type(layer).__name__}.")
-    return layer
+    while isinstance(env, gymnasium.Wrapper):
+        if type(env) not in TRANSPARENT:
+            remedy = "which the loop would drive past: put that wrapper around the loop"
+            raise TypeError(f"`env` is wrapped in {type(env).__name__}, {remedy}.")
+        env = env.env
+    if not isinstance(env, CityEnv):
+        raise TypeError(f"`env` must be a CityEnv. Got {type(env).__name__}.")
+    return env

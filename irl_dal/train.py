@@ -5,8 +5,6 @@ python -m irl_dal.train [preset=paper|smoke] [variant=NAME] [seed=N] [resume=DIR
 python -m irl_dal.train -m variant=NAME,NAME seed=0,1 'run_dir=runs/sweep/${variant}-seed${seed}'
 """
 
-from __future__ import annotations
-
 from irl_dal.cli.preflight import preflight
 
 preflight("drive")
@@ -27,13 +25,12 @@ from irl_dal.config import ConfigError, RunConfig, parse
 from irl_dal.figures.showcase import show_run
 from irl_dal.learning import Pipeline, ProgressBar
 from irl_dal.shortcuts import keep_freed_memory
-from irl_dal.storage.lock import run_lock
+from irl_dal.storage.checkpoint import run_lock
 from irl_dal.storage.run_folder import RunFolder, create_run, default_run_dir, open_run, provenance
 
 __all__ = ["main"]
 
-OWN_KEYS = frozenset({"run_dir", "resume"})
-"""Keys of this command beside the configuration's."""
+OWN_KEYS = ("run_dir", "resume")  # of this command beside the configuration's
 
 
 def main() -> None:

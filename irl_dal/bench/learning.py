@@ -17,6 +17,7 @@ from irl_dal.build import build_drivers, build_planner
 from irl_dal.config import RunConfig
 from irl_dal.figures.table import terminal_table
 from irl_dal.learning import Pipeline
+from irl_dal.learning.collection.driver import demonstrations
 from irl_dal.learning.learners import Learners
 from irl_dal.shortcuts import keep_freed_memory
 
@@ -43,7 +44,7 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
         )
         pipeline.learners.ppo.set_logger(pipeline.log.open(0))
         try:
-            for record in pipeline.cars.demonstrations(steps):
+            for record in demonstrations(pipeline.cars, steps):
                 pipeline.recorder.take(record)
             yield pipeline.learners
         finally:

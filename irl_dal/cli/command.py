@@ -1,7 +1,5 @@
 """What the commands have in common: Hydra composes, a mistake is one line and exit code 2."""
 
-from __future__ import annotations
-
 import os
 import re
 import sys
@@ -24,25 +22,22 @@ from irl_dal.storage.checkpoint import CheckpointError
 __all__ = ["CONFIG_FOLDER", "new_console", "one_line_errors", "run_command"]
 
 _PACKAGE = Path(__file__).resolve().parents[1]
+# Hydra's groups: inside the package in a wheel, beside it in a clone. An absolute path, because
+# `configs` may be another package's name where the command is called from.
 CONFIG_FOLDER = next(
     (folder for folder in (_PACKAGE / "configs", _PACKAGE.parent / "configs") if folder.is_dir()),
     _PACKAGE / "configs",
 )
-"""Hydra's groups: inside the package in a wheel, beside it in a clone. An absolute path, because
-`configs` may be another package's name where the command is called from."""
 
+# Exit codes of a mistake in what was asked for, and of Ctrl-C, as a shell has it.
 USER_ERROR, INTERRUPTED = 2, 130
-"""Exit codes of a mistake in what was asked for, and of Ctrl-C, as a shell has it."""
-
-Task = Callable[[DictConfig], None]
+NO_REMOVAL = ": no key can be removed; switch the part off instead"
 
 
-def run_command(task: Task, config_name: str) -> None:
-    """Compose the configuration from the command line and call `task` with it.
+def run_command(task: Callable[[DictConfig], None], config_name: str) -> None:
+    """Call a command with the configuration that the command line and its file in `configs/` give.
 
-    Args:
-        task: The command. It may raise KeyboardInterrupt with a line that says how to go on.
-        config_name: Its root file in `configs/`.
+    It may raise KeyboardInterrupt with a line that says how to go on.
 
     Raises:
         SystemExit: After a mistake, or after Ctrl-C.
@@ -57,8 +52,8 @@ def run_command(task: Task, config_name: str) -> None:
 
     with one_line_errors():
         register()
-        folder = str(CONFIG_FOLDER)
-        hydra.main(version_base="1.3", config_path=folder, config_name=config_name)(run)()
+        main = hydra.main(str(CONFIG_FOLDER), config_name, version_base="1.3")
+        main(run)()
 
 
 @contextmanager
@@ -73,7 +68,7 @@ def one_line_errors() -> Iterator[None]:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, TextIOWrapper):
             stream.reconfigure(errors="replace")
-    line, code = "", USER_ERROR
+    code = USER_ERROR
     try:
         yield
         return
@@ -101,14 +96,17 @@ def _describe(error: Exception, arguments: Sequence[str]) -> str:
     if isinstance(error, MissingConfigException) and error.options is not None:
         group, _, name = str(error.missing_cfg_file).rpartition("/")
         return f"{group} = {name!r}: choose one of {', '.join(sorted(error.options))}"
-    if isinstance(error, OverrideParseException):
-        return _unreadable(str(error.override))
+    if isinstance(error, OverrideParseException):  # Hydra's grammar refuses it
+        key, equals, value = str(error.override).partition("=")
+        if not equals or not is_readable(f"{key}=x"):
+            return f"{error.override}: an argument has the form key=value"
+        return f"{key} = {value}: this value must be quoted, twice: {as_argument(key, value)}"
     text = str(error)
     if found := re.search(r"(?:Could not append .*?'|Multiple values for )([\w./]+)", text):
         key = found[1].rstrip(".")
         return f"{key} = {_value(key, arguments)}: the key exists, state it without the +"
     if found := re.search(r"Could not delete.*?'([^']+)'", text):
-        return f"~{found[1]}: no key can be removed; switch the part off instead"
+        return f"~{found[1]}{NO_REMOVAL}"
     if found := re.search(r"Could not override.*?'([^']+)'", text):
         key = found[1]
         return f"{key} = {_value(key, arguments)}: there is no such key{did_you_mean(key)}"
@@ -122,18 +120,10 @@ def _refuse_signs(overrides: Sequence[str]) -> None:
     for override in overrides:
         key = override.lstrip("+").partition("=")[0]
         if override.startswith("~"):
-            raise ConfigError(f"{override}: no key can be removed; switch the part off instead")
+            raise ConfigError(f"{override}{NO_REMOVAL}")
         if override.startswith("+") and not is_known(key):
             hint = did_you_mean(key)
             raise ConfigError(f"{override}: a key must exist and is stated without the +{hint}")
-
-
-def _unreadable(argument: str) -> str:
-    """An argument that Hydra's grammar refuses: its key, its value and how to quote it."""
-    key, equals, value = argument.partition("=")
-    if not equals or not is_readable(f"{key}=x"):
-        return f"{argument}: an argument has the form key=value"
-    return f"{key} = {value}: this value must be quoted, twice: {as_argument(key, value)}"
 
 
 def _no_option(arguments: Sequence[str]) -> str:

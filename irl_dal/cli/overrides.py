@@ -1,7 +1,5 @@
 """Overrides: what the command line states, against an earlier run, and the paths in it."""
 
-from __future__ import annotations
-
 import os
 import re
 import shlex
@@ -38,11 +36,7 @@ def explicit_overrides(composed: DictConfig, own: Iterable[str]) -> Iterator[tup
 
 
 def apply_overrides(config: RunConfig, values: Iterable[tuple[str, Any]]) -> RunConfig:
-    """A run's configuration with some values replaced.
-
-    Raises:
-        ConfigError: A key is unknown, or a value is out of range.
-    """
+    """A run's configuration with some values replaced; raises as `parse`."""
     mapping = OmegaConf.create(to_mapping(config))
     for key, value in values:
         OmegaConf.update(mapping, key, value, merge=False, force_add=True)

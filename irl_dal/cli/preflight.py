@@ -1,14 +1,12 @@
 """What a command needs before its imports can succeed: standard library only."""
 
-from __future__ import annotations
-
 import sys
 from importlib.util import find_spec
 from pathlib import Path
 
 __all__ = ["EXTRAS", "preflight"]
 
-EXTRAS = {
+EXTRAS = {  # modules beyond the core that each extra of the distribution brings
     "drive": (
         *("gymnasium", "hydra", "imageio", "jinja2", "joblib", "markupsafe", "matplotlib", "numba"),
         *("omegaconf", "PIL", "pybullet", "pydantic", "rich", "safetensors", "stable_baselines3"),
@@ -16,10 +14,8 @@ EXTRAS = {
     ),
     "report": ("rliable",),
 }
-"""Modules beyond the core that each extra of the distribution brings."""
 
-_HOME = Path(__file__).resolve().parents[2]
-"""Folder of the three packages."""
+_HOME = Path(__file__).resolve().parents[2]  # folder of the three packages
 
 
 def preflight(*extras: str) -> None:

@@ -4,8 +4,6 @@ One for driving: the matrices of a control step are too small to share, and idle
 actively halve the speed. Two for a gradient step. Only the last digits depend on the count.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import partial
@@ -15,8 +13,8 @@ from threadpoolctl import threadpool_limits
 
 __all__ = ["GRADIENT_THREADS", "one_thread", "stay_on_one_thread", "threads"]
 
+# Threads of a gradient step: as OMP_NUM_THREADS or the machine's cores say, two at most.
 GRADIENT_THREADS = min(2, torch.get_num_threads())
-"""Threads of a gradient step: as OMP_NUM_THREADS or the machine's cores say, two at most."""
 
 
 @contextmanager

@@ -1,7 +1,6 @@
 """Learning: imitation, reinforcement with a hybrid reward, and Algorithm 1 that joins them."""
 
-from irl_dal.learning.collection.driver import Driver
-from irl_dal.learning.collection.vec_driver import DriverProcesses
+from irl_dal.learning.collection.driver import Driver, DriverProcesses
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.pipeline import Pipeline
 from irl_dal.learning.progress import ProgressBar

@@ -1,9 +1,7 @@
 """The schedule of Algorithm 1 and what belongs to it."""
 
-from __future__ import annotations
-
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Literal, get_args
 
 from irl_dal.learning.imitation.behaviour_cloning import CloningConfig
@@ -18,67 +16,36 @@ __all__ = ["LearningConfig"]
 
 Sampling = Literal["balanced", "uniform"]
 
-INTERVALS = (
-    "bc_interval_imitation",
-    "bc_interval_mixed",
-    "diffusion_interval",
-    "discriminator_interval",
-    "sync_interval",
-    "checkpoint_interval",
-    "log_interval",
-)
-
 
 @dataclass(frozen=True, slots=True)
 class LearningConfig:
-    """Algorithm 1 with the numbers of Table II; what is not in Table II says so.
+    """Algorithm 1 with the numbers of Table II; what is not in Table II says so."""
 
-    Attributes:
-        imitation_steps: N_imitation, steps that the expert drives.
-        mixed_steps: N_mixed, steps that the policy drives.
-        n_envs: Cars that drive beside each other (not in the paper); in phase 2 each drives its
-            share of PPO's `n_steps`.
-        buffer_capacity: Transitions in the replay buffer over all modes.
-        bc_interval_imitation: Steps between two behaviour cloning updates in phase 1.
-        bc_interval_mixed: The same in phase 2.
-        diffusion_interval: Steps between two planner updates.
-        discriminator_interval: T_disc [steps].
-        sync_interval: T_sync [steps].
-        sampling: `balanced` over the FSM modes or `uniform` (the paper's baseline).
-        saec: What is learnt from intervened steps (see `experience_correction`).
-        critic_steps: Gradient steps of the critic's warm start (not in the paper); 0 for none.
-        disturbance_rate: Probability that a burst of wrong commands begins in a calm step of the
-            expert (not in the paper, see `disturbance`); 0 for an undisturbed expert.
-        checkpoint_interval: Steps between two checkpoints in phase 1 (not in the paper); in phase 2
-            every PPO update is followed by one.
-        log_interval: Steps between two rows of metrics (not in the paper).
-        first_seed: Smallest seed of a training episode (not in the paper); smaller ones are for
-            evaluation.
-        ppo: The RL backbone.
-        cloning: Behaviour cloning.
-        diffusion: Training of the planner.
-        discriminator: The GAIL discriminator.
-        reward: The hybrid reward.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    imitation_steps: int = 20_000
-    mixed_steps: int = 30_000
+    imitation_steps: int = 20_000  # N_imitation, steps that the expert drives
+    mixed_steps: int = 30_000  # N_mixed, steps that the policy drives
+    # Cars that drive beside each other (not in the paper); in phase 2 each drives its share of
+    # PPO's `n_steps`.
     n_envs: int = 2
-    buffer_capacity: int = 50_000
-    bc_interval_imitation: int = 1_000
-    bc_interval_mixed: int = 500
-    diffusion_interval: int = 500
-    discriminator_interval: int = 2_000
-    sync_interval: int = 1_000
+    buffer_capacity: int = 50_000  # transitions in the replay buffer over all modes
+    bc_interval_imitation: int = 1_000  # steps between two behaviour cloning updates in phase 1
+    bc_interval_mixed: int = 500  # the same in phase 2
+    diffusion_interval: int = 500  # steps between two planner updates
+    discriminator_interval: int = 2_000  # T_disc [steps]
+    sync_interval: int = 1_000  # T_sync [steps]
+    # `balanced` over the FSM modes or `uniform` (the paper's baseline).
     sampling: Sampling = "balanced"
+    # What is learnt from intervened steps (see `experience_correction`).
     saec: CorrectionForm = "label"
+    # Gradient steps of the critic's warm start (not in the paper); 0 for none.
     critic_steps: int = 1_000
+    # Probability that a burst of wrong commands begins in a calm step of the expert (not in the
+    # paper, see `disturbance`); 0 for an undisturbed expert.
     disturbance_rate: float = 0.025
+    # Steps between two checkpoints in phase 1 (not in the paper); in phase 2 every PPO update is
+    # followed by one.
     checkpoint_interval: int = 2_000
-    log_interval: int = 500
+    log_interval: int = 500  # steps between two rows of metrics (not in the paper)
+    # Smallest seed of a training episode (not in the paper); smaller ones are for evaluation.
     first_seed: int = 1_000_000
     ppo: PPOConfig = field(default_factory=PPOConfig)
     cloning: CloningConfig = field(default_factory=CloningConfig)
@@ -87,17 +54,17 @@ class LearningConfig:
     reward: HybridRewardConfig = field(default_factory=HybridRewardConfig)
 
     def __post_init__(self) -> None:
-        sizes = ("imitation_steps", "n_envs", "buffer_capacity", *INTERVALS)
+        intervals = [entry.name for entry in fields(self) if "_interval" in entry.name]
+        sizes = ("imitation_steps", "n_envs", "buffer_capacity", *intervals)
         check_within(ValueError, 1, math.inf, **{name: getattr(self, name) for name in sizes})
         counts = {"mixed_steps": self.mixed_steps, "critic_steps": self.critic_steps}
         check_within(ValueError, 0, math.inf, **counts)
         check_within(ValueError, 0.0, 1.0, disturbance_rate=self.disturbance_rate)
         check_within(ValueError, 0, 2**31 - 1, first_seed=self.first_seed)
         for name, steps in (("mixed_steps", self.mixed_steps), ("ppo.n_steps", self.ppo.n_steps)):
+            rule = f"must be a multiple of n_envs {self.n_envs}"
             if steps % self.n_envs:
-                raise ValueError(
-                    f"`{name}` must be a multiple of n_envs {self.n_envs}. Got {steps}."
-                )
+                raise ValueError(f"`{name}` {rule}. Got {steps}.")
         for name, allowed in (("sampling", get_args(Sampling)), ("saec", get_args(CorrectionForm))):
             if getattr(self, name) not in allowed:
                 raise ValueError(f"`{name}` must be one of {allowed}. Got {getattr(self, name)!r}.")

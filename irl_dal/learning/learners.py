@@ -1,7 +1,5 @@
 """Everything that learns, one method for each update of Algorithm 1."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
 
 import numpy as np
@@ -11,11 +9,11 @@ from torch import Tensor
 
 from expert.replay import ReplayBatch, ReplayBuffer
 from irl_dal.cli.threads import GRADIENT_THREADS, threads
-from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.collection.recorder import EpisodeEnd
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
-from irl_dal.learning.reinforcement.discriminator import Discriminator
+from irl_dal.learning.reinforcement.discriminator import Discriminator, Seen
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
 from irl_dal.learning.reinforcement.policy import appraise, observation_tensors
 from irl_dal.learning.reinforcement.ppo import DrivingPPO
@@ -30,26 +28,16 @@ class Learners:
 
     What an update has to report goes into PPO's logger, and from there into the next row of
     metrics.
-
-    Attributes:
-        config: Sizes and rates.
-        ppo: Owns the policy.
-        replay: D_s.
-        cloning: Trains the policy on the expert's labels.
-        diffusion: Trains the planner; None without a planner.
-        discriminator: D_psi.
-        rng: Source of everything drawn from the replay buffer.
-        threads: On which an update computes.
     """
 
     config: LearningConfig
-    ppo: DrivingPPO
-    replay: ReplayBuffer
+    ppo: DrivingPPO  # owns the policy
+    replay: ReplayBuffer  # D_s
     cloning: BehaviourCloning
-    diffusion: DiffusionTraining | None
+    diffusion: DiffusionTraining | None  # trains the planner; None without one
     discriminator: Discriminator
-    rng: np.random.Generator
-    threads: int = GRADIENT_THREADS
+    rng: np.random.Generator  # draws from the replay buffer
+    threads: int = GRADIENT_THREADS  # on which an update computes
 
     @property
     def reward(self) -> HybridReward:
@@ -94,20 +82,18 @@ class Learners:
         buffer = self.ppo.rollout_buffer
         if buffer.pos == 0 or self.replay.count(source="expert") == 0:
             return
+        size, balanced = self.config.discriminator.samples, self.config.balanced
         with threads(self.threads):
-            report = self.discriminator.update(self._expert_pairs(), self._agent_pairs(buffer))
+            batch = self.replay.sample(self.rng, size, balanced=balanced, source="expert")
+            expert = observation_tensors(batch), torch.from_numpy(batch.commands)
+            report = self.discriminator.update(expert, self._agent_pairs(buffer))
         for name, value in asdict(report).items():
             self.ppo.logger.record(f"discriminator/{name}", value)
-
-    def sync_features(self) -> None:
-        """SyncFeatures(): the discriminator sees with the policy's newest perception."""
-        self.discriminator.sync_features(self.ppo.policy)
 
     def finish_rollout(self, last_values: Tensor) -> None:
         """Give the complete rollout its mixed rewards, returns and advantages.
 
-        Args:
-            last_values: Values (E, 1) of what each car sees after its last step.
+        `last_values` (E, 1) are of what each car sees after its last step.
         """
         ppo, buffer = self.ppo, self.ppo.rollout_buffer
         seen, logits, renewed = buffer.seen(), None, None
@@ -117,8 +103,8 @@ class Learners:
         if self.config.ppo.renew:
             renewed = appraise(ppo.policy, seen, flat(buffer.actions))
         buffer.finish(self.reward, logits, renewed, last_values)
-        ppo.logger.record("reward/env", float(buffer.env_rewards.mean()))
-        ppo.logger.record("reward/imitation", float(buffer.imitation_rewards.mean()))
+        for name, rewards in (("env", buffer.env_rewards), ("imitation", buffer.imitation_rewards)):
+            ppo.logger.record(f"reward/{name}", float(rewards.mean()))
         ppo.logger.record("reward/failures", int((buffer.ends == EpisodeEnd.FAILURE).sum()))
 
     def _cloning_batch(self) -> ReplayBatch:
@@ -132,24 +118,13 @@ class Learners:
             replay.sample(self.rng, marked, balanced=balanced, source="corrected"),
         )
 
-    def _expert_pairs(self) -> tuple[dict[str, Tensor], Tensor]:
-        batch = self.replay.sample(
-            self.rng,
-            self.config.discriminator.samples,
-            balanced=self.config.balanced,
-            source="expert",
-        )
-        return observation_tensors(batch), torch.from_numpy(batch.commands)
-
-    def _agent_pairs(self, buffer: HybridRolloutBuffer) -> tuple[dict[str, Tensor], Tensor]:
+    def _agent_pairs(self, buffer: HybridRolloutBuffer) -> Seen:
         modes = flat(buffer.modes[: buffer.pos])
         size = min(self.config.discriminator.samples, len(modes))
         # Both sides alike: otherwise the modes alone tell them apart, whatever the actions.
         rows = _evenly(self.rng, modes if self.config.balanced else 0 * modes, size)
-        observations = {
-            k: flat(values[: buffer.pos])[rows] for k, values in buffer.observations.items()
-        }
-        return _tensors(observations), torch.from_numpy(flat(buffer.executed_actions)[rows])
+        seen = {k: flat(values[: buffer.pos])[rows] for k, values in buffer.observations.items()}
+        return _tensors(seen), torch.from_numpy(flat(buffer.executed_actions)[rows])
 
 
 def _evenly(rng: np.random.Generator, modes: NDArray[np.int8], size: int) -> NDArray[np.int64]:

@@ -2,13 +2,13 @@
 
 | line of Algorithm 1 | here |
 |---|---|
-| Observe o_t, a_t^* = FSM(o_t), execute, store | `VecDriver.demonstrations`, `Recorder.take` |
+| Observe o_t, a_t^* = FSM(o_t), execute, store | `demonstrations`, `Recorder.take` |
 | Update pi_theta via BC | `Learners.clone` |
 | TrainDiffusion | `Learners.train_planner` |
 | Sample a_t^PPO, trigger, plan, blend, execute | stable-baselines3's `collect_rollouts` |
 | r_irl, r_t | `HybridReward`, `HybridRolloutBuffer.finish` |
 | Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
-| TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Learners.sync_features` |
+| TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Discriminator.sync_features` |
 | should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
 | Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
 
@@ -17,27 +17,23 @@ as "after every T-th step", in phase 2 as soon as every car has driven its step.
 may have fewer steps than the others, so that the run ends at N_total exactly.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import torch
-from gymnasium import spaces
 from stable_baselines3.common.callbacks import BaseCallback
 from stable_baselines3.common.vec_env import VecEnv
 from torch import Tensor
 
 from expert.replay import ReplayBuffer
-from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.collection.step_record import StepRecord
-from irl_dal.learning.collection.vec_driver import VecDriver
+from irl_dal.learning.collection.driver import demonstrations
+from irl_dal.learning.collection.recorder import Recorder, StepRecord
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
-from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
+from irl_dal.learning.imitation.experience_correction import correct_as_printed
 from irl_dal.learning.learners import Learners
 from irl_dal.learning.progress import Observer
 from irl_dal.learning.reinforcement.critic import warm_start_critic
@@ -51,8 +47,8 @@ from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 
 __all__ = ["Pipeline"]
 
+# Independent random streams that the seed is split into.
 STREAMS = ("policy", "replay", "rollout", "discriminator", "diffusion", "critic")
-"""Independent random streams that the seed is split into."""
 
 
 class Pipeline:
@@ -69,9 +65,6 @@ class Pipeline:
         observers: Receive what happens.
         provenance: Commit, config hash, ...: kept in each checkpoint; a checkpoint with another
             `config_hash` is refused.
-
-    Attributes:
-        step: Environment steps so far, of all cars together.
     """
 
     def __init__(
@@ -87,15 +80,21 @@ class Pipeline:
         provenance: Mapping[str, str] | None = None,
     ) -> None:
         self.config = config
-        self.step = 0
-        self.cars = VecDriver(cars)
-        self.correction = ExperienceCorrection(config.saec)
+        self.step = 0  # environment steps so far, of all cars together
+        self.cars = cars
         seeds = np.random.SeedSequence(seed).spawn(len(STREAMS))
         self._rng = {n: np.random.default_rng(s) for n, s in zip(STREAMS, seeds, strict=True)}
         self._planner = planner
-        self.replay = _new_replay(config, cars, planner)
-        self.recorder = Recorder(self.replay, self.correction, config.n_envs)
-        self.learners = self._build(cars, perception)
+        seen: Any = cars.observation_space
+        self.replay = ReplayBuffer(
+            config.buffer_capacity,
+            horizon=1 if planner is None else planner.config.horizon,
+            image_shape=seen["image"].shape,
+            beams=seen["lidar"].shape[0],
+        )
+        keep = config.saec != "off"
+        self.recorder = Recorder(self.replay, config.n_envs, keep_intervened=keep)
+        self.learners = self._build(perception)
         self.log = RunLog(run_dir, self.recorder, observers)
         self._store = CheckpointStore(run_dir)
         self._provenance = dict(provenance or {})
@@ -135,11 +134,7 @@ class Pipeline:
             self.log.close()
 
     def save(self, *, final: bool = False) -> Path:
-        """Write a checkpoint; `final` drops the replay buffer from the disk.
-
-        Raises:
-            CheckpointError: If weights are not finite; the older checkpoint stays.
-        """
+        """Write a checkpoint (see `CheckpointStore.save`)."""
         with self.log.timed("checkpoint"):
             folder = self._store.save(
                 self._state(final),
@@ -170,15 +165,16 @@ class Pipeline:
             raise
         except MISFITS as error:
             raise CheckpointError.misfit(checkpoint.folder, "this run", error) from None
-        self.cars.begin_at(self.recorder.upcoming)
+        for car, episode in enumerate(self.recorder.upcoming):
+            self.cars.env_method("begin_at", episode, indices=[car])
         self._exported = self.replay.counter
         self.step = checkpoint.step
 
-    def _build(self, cars: VecEnv, perception: PerceptionConfig) -> Learners:
+    def _build(self, perception: PerceptionConfig) -> Learners:
         config, rng = self.config, self._rng
-        ppo = build_ppo(cars, config.ppo, perception, weights=rng["policy"], order=rng["rollout"])
-        generator = torch.Generator()
-        generator.manual_seed(int(rng["discriminator"].integers(2**63)))
+        streams = {"weights": rng["policy"], "order": rng["rollout"]}
+        ppo = build_ppo(self.cars, config.ppo, perception, **streams)
+        generator = torch.Generator().manual_seed(int(rng["discriminator"].integers(2**63)))
         diffusion = None
         if self._planner is not None:
             diffusion = DiffusionTraining(self._planner, config.diffusion, rng["diffusion"])
@@ -195,8 +191,9 @@ class Pipeline:
     def _imitate(self) -> None:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
-        log.begin("imitation", self.step, config.imitation_steps)
-        records = self.cars.demonstrations(config.imitation_steps - self.step)
+        for observer in log.observers:
+            observer.begin("imitation", self.step, config.imitation_steps)
+        records = demonstrations(self.cars, config.imitation_steps - self.step)
         while self.step < config.imitation_steps:
             with log.timed("driving"):
                 self._take(next(records))
@@ -213,11 +210,12 @@ class Pipeline:
     def _refine(self) -> None:
         """Phase 2: the policy drives, one PPO update at a time."""
         config, ppo = self.config, self.learners.ppo
-        self.log.begin("mixed", self.step, config.total_steps)
+        for observer in self.log.observers:
+            observer.begin("mixed", self.step, config.total_steps)
         if not self._critic_ready:
             self._warm_start()
             self.save()
-        self.cars.load_planner(self._planner)
+        self._hand_on_planner()
         while self.step < config.total_steps:
             size = min(config.ppo.n_steps, config.total_steps - self.step)
             ppo.resize(size // config.n_envs)
@@ -230,17 +228,15 @@ class Pipeline:
     def after_step(
         self, records: Sequence[StepRecord], actions: np.ndarray, log_probs: Tensor
     ) -> None:
-        """Store a step of every car, then update what is due.
+        """Store a step of each of the E cars, then update what is due.
 
-        Args:
-            records: Of the E cars.
-            actions: The policy's samples (E, 2); changed in place by the correction.
-            log_probs: Their log-probabilities (E,); likewise.
+        The printed correction changes `actions` (E, 2) and `log_probs` (E,) in place.
         """
         for record in records:
             self._take(record)
         self.learners.ppo.rollout_buffer.note(records)
-        self.correction.correct(self.policy, records, actions, log_probs)
+        if self.config.saec == "paper":
+            correct_as_printed(self.policy, records, actions, log_probs)
         # What is due after the very last step comes after PPO's last update, in `_finish`.
         if self.step < self.config.total_steps:
             self._mixed_updates()
@@ -254,7 +250,8 @@ class Pipeline:
     def _take(self, record: StepRecord) -> None:
         self.recorder.take(record)
         self.step += 1
-        self.log.advance(self.step)
+        for observer in self.log.observers:
+            observer.advance(self.step)
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""
@@ -267,17 +264,23 @@ class Pipeline:
     def _mixed_updates(self) -> None:
         config, learners, log = self.config, self.learners, self.log
         if self._due(config.sync_interval):
-            learners.sync_features()
+            learners.discriminator.sync_features(self.policy)
         if self._due(config.discriminator_interval) and config.reward.w_irl > 0.0:
             with log.timed("discriminator"):
                 learners.train_discriminator()
         if config.diffusion.steps_mixed and self._due(config.diffusion_interval):
             with log.timed("planner"):
                 learners.train_planner(config.diffusion.steps_mixed)
-                self.cars.load_planner(self._planner)
+                self._hand_on_planner()
         if self._due(config.bc_interval_mixed):
             with log.timed("bc"):
                 learners.clone(config.cloning.steps_mixed)
+
+    def _hand_on_planner(self) -> None:
+        """Let the cars plan with the planner's weights as they are now."""
+        if self._planner is not None:
+            weights = {name: w.numpy() for name, w in self._planner.denoiser.state_dict().items()}
+            self.cars.env_method("load_planner", weights)
 
     def _due(self, interval: int) -> bool:
         """Whether the newest steps, one in phase 1 and one of each car in phase 2, complete one."""
@@ -311,19 +314,27 @@ class Pipeline:
         assert self.policy.generator is not None
         return self.policy.generator
 
-    def _state(self, final: bool) -> dict[str, Any]:
-        learners, ppo = self.learners, self.learners.ppo
+    def _parts(self) -> dict[str, Any]:
+        """What has a state of its own."""
+        learners = self.learners
         return {
-            "policy": self.policy.state_dict(),
+            "policy": self.policy,
+            "cloning": learners.cloning,
+            "discriminator": learners.discriminator,
+            "diffusion": learners.diffusion,
+            "recorder": self.recorder,
+        }
+
+    def _state(self, final: bool) -> dict[str, Any]:
+        optimizer = self.learners.ppo.optimizer
+        parts = self._parts().items()
+        states = {name: None if part is None else part.state_dict() for name, part in parts}
+        return states | {
             "ppo": {
-                "optimizer": ppo.optimizer.state_dict(),
-                "actor_rate": ppo.optimizer.actor_rate,
+                "optimizer": optimizer.state_dict(),
+                "actor_rate": optimizer.actor_rate,
                 "noise": self._noise.get_state(),
             },
-            "cloning": learners.cloning.state_dict(),
-            "discriminator": learners.discriminator.state_dict(),
-            "diffusion": None if learners.diffusion is None else learners.diffusion.state_dict(),
-            "recorder": self.recorder.state_dict(),
             "replay": {
                 "live": np.zeros(0, np.int64) if final else self.replay.live(),
                 "counter": self.replay.counter,
@@ -334,18 +345,15 @@ class Pipeline:
         }
 
     def _load(self, state: Mapping[str, Any]) -> None:
-        learners, ppo = self.learners, self.learners.ppo
-        self.policy.load_state_dict(state["policy"])
-        ppo.optimizer.load_state_dict(state["ppo"]["optimizer"])
-        ppo.optimizer.actor_rate = state["ppo"]["actor_rate"]
+        for name, part in self._parts().items():
+            if part is not None:
+                part.load_state_dict(state[name])
+        optimizer = self.learners.ppo.optimizer
+        optimizer.load_state_dict(state["ppo"]["optimizer"])
+        optimizer.actor_rate = state["ppo"]["actor_rate"]
         self._noise.set_state(state["ppo"]["noise"])
-        learners.cloning.load_state_dict(state["cloning"])
-        learners.discriminator.load_state_dict(state["discriminator"])
-        if learners.diffusion is not None:
-            learners.diffusion.load_state_dict(state["diffusion"])
         for name, rng in self._rng.items():
             rng.bit_generator.state = state["rng"][name]
-        self.recorder.load_state_dict(state["recorder"])
         self._critic_ready = state["critic_ready"]
         self.log.seconds = dict(state["seconds"])
 
@@ -364,16 +372,3 @@ class _Rollout(BaseCallback):
 
     def _on_rollout_end(self) -> None:
         self._pipeline.after_rollout(self.locals["values"])
-
-
-def _new_replay(
-    config: LearningConfig, cars: VecEnv, planner: DiffusionPlanner | None
-) -> ReplayBuffer:
-    seen = cars.observation_space
-    assert isinstance(seen, spaces.Dict)
-    return ReplayBuffer(
-        config.buffer_capacity,
-        horizon=1 if planner is None else planner.config.horizon,
-        image_shape=seen["image"].shape,  # type: ignore[arg-type]
-        beams=seen["lidar"].shape[0],  # type: ignore[index]
-    )

@@ -1,7 +1,5 @@
 """Observers of a training run: their interface, and a progress bar in the terminal."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping
 from typing import Protocol
@@ -11,7 +9,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 __all__ = ["Observer", "ProgressBar"]
 
-SHOWN = {
+SHOWN = {  # key metrics of the bar, in this order
     "rollout/success_rate": "success {:.0%}",
     "rollout/episode_return": "return {:.0f}",
     "bc/loss": "BC {:.4f}",
@@ -20,7 +18,6 @@ SHOWN = {
     "discriminator/accuracy": "D {:.0%}",
     "count/command_violations": "violations {:.0f}",
 }
-"""Key metrics of the bar, in this order."""
 
 
 class Observer(Protocol):
@@ -40,16 +37,13 @@ class Observer(Protocol):
 
 
 class ProgressBar:
-    """Phase, bar, steps per second, time left and key metrics; lines where there is no terminal.
+    """Phase, bar, steps per second, time left and key metrics.
 
-    Args:
-        console: Where to draw; the standard output by default.
-        every: Rows of metrics per line where there is no terminal.
+    Where there is no terminal, a line for every `every` rows of metrics.
     """
 
-    def __init__(self, console: Console | None = None, every: int = 4) -> None:
-        self.console = console or Console()
-        self.every = every
+    def __init__(self, console: Console, every: int = 4) -> None:
+        self.console, self.every = console, every
         self._shown: dict[str, float] = {}
         self._rows = self._last = 0
         self._phase = ""

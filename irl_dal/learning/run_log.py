@@ -21,8 +21,6 @@ Columns of `metrics.csv`; a cell is empty where the row has no new value.
 | `time/total`, `time/<part>`, `time/steps_per_second` | seconds so far; speed since the last row |
 """
 
-from __future__ import annotations
-
 import csv
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -35,37 +33,24 @@ from typing import Any
 from stable_baselines3.common.logger import KVWriter, Logger, TensorBoardOutputFormat
 from torch.utils.tensorboard import SummaryWriter
 
-from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.collection.step_record import Counts
+from irl_dal.learning.collection.recorder import Counts, Recorder
 from irl_dal.learning.progress import Observer
 from irl_dal.storage.atomic import write_text
 
 __all__ = ["MetricsCsv", "RunLog", "metrics_logger", "read_metrics"]
 
-STEP = "step"
-"""First column of the metrics."""
-
-OTHER = "other"
-"""Part of a run's time that no other part claims."""
+STEP = "step"  # first column of the metrics
+OTHER = "other"  # part of a run's time that no other part claims
 
 
 class RunLog:
-    """Writes the rows and notifies the observers.
-
-    Args:
-        run_dir: Run folder.
-        recorder: Counts what happens.
-        observers: Are notified.
-
-    Attributes:
-        seconds: Time spent so far, all of it (`total`) and by part.
-    """
+    """Writes the rows of what the recorder counts, and notifies the observers."""
 
     def __init__(self, run_dir: Path, recorder: Recorder, observers: Sequence[Observer]) -> None:
-        self.seconds: dict[str, float] = {"total": 0.0}
+        self.seconds: dict[str, float] = {"total": 0.0}  # so far, all of it and by part
         self._run_dir = run_dir
         self._recorder = recorder
-        self._observers = tuple(observers)
+        self.observers = tuple(observers)
         self._counts = Counts()
         self._row_at = self._started = self._switched = time.monotonic()
         self._part = OTHER
@@ -83,18 +68,8 @@ class RunLog:
         """No more rows."""
         if self._logger is not None:
             self._logger.close()
-        for observer in self._observers:
+        for observer in self.observers:
             observer.end()
-
-    def begin(self, phase: str, step: int, last: int) -> None:
-        """A phase begins."""
-        for observer in self._observers:
-            observer.begin(phase, step, last)
-
-    def advance(self, step: int) -> None:
-        """A step is done."""
-        for observer in self._observers:
-            observer.advance(step)
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
@@ -124,7 +99,7 @@ class RunLog:
         written = dict(self._logger.name_to_value)
         self._logger.dump(step)
         self._counts, self._row_at = self._recorder.counts, now
-        for observer in self._observers:
+        for observer in self.observers:
             observer.metrics(step, written)
 
     def _rates(self, phase: int, now: float) -> dict[str, float]:
@@ -142,9 +117,8 @@ class RunLog:
 
     def _totals(self) -> dict[str, float]:
         counts = self._recorder.counts
-        totals: dict[str, float] = {
-            f"count/{k}": v for k, v in asdict(counts).items() if isinstance(v, int)
-        }
+        whole = {name: value for name, value in asdict(counts).items() if isinstance(value, int)}
+        totals: dict[str, float] = {f"count/{name}": value for name, value in whole.items()}
         totals |= {f"time/{part}": seconds for part, seconds in self.seconds.items()}
         if counts.episodes:
             totals["rollout/episode_return"], totals["rollout/success_rate"] = self._recorder.recent
@@ -154,12 +128,8 @@ class RunLog:
 class MetricsCsv(KVWriter):
     """One row per dump, the environment step first, a new column whenever a new key turns up.
 
-    The file is rewritten with every row, atomically. Rows that an earlier part of the run wrote
-    after `step`, in an interval that was lost, are dropped.
-
-    Args:
-        path: The CSV file.
-        step: Step at which the run goes on; 0 begins an empty file.
+    The file is rewritten with every row, atomically. A run goes on at `step`; what it wrote after
+    that, in an interval that was lost, is dropped.
     """
 
     def __init__(self, path: Path, step: int = 0) -> None:
@@ -189,12 +159,7 @@ class MetricsCsv(KVWriter):
 
 
 def metrics_logger(run_dir: Path, step: int = 0) -> Logger:
-    """A logger that writes `metrics.csv` and TensorBoard events of a run.
-
-    Args:
-        run_dir: Run folder.
-        step: Step at which the run goes on; what was written after it is dropped.
-    """
+    """Writes `metrics.csv` and TensorBoard events of a run that goes on at `step`."""
     run_dir.mkdir(parents=True, exist_ok=True)
     board = TensorBoardOutputFormat(str(run_dir / "tensorboard"))
     if step:

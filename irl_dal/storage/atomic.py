@@ -1,7 +1,5 @@
 """Files that no reader ever sees half of."""
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Mapping
@@ -12,16 +10,7 @@ __all__ = ["write_json", "write_text"]
 
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
-    """Write a JSON file in one step.
-
-    Args:
-        path: Target; folders above it are made.
-        content: Entries; must not hold NaN or infinity.
-
-    Raises:
-        OSError: The file cannot be written.
-        ValueError: If a number is not finite.
-    """
+    """`write_text` of JSON; raises ValueError if a number is not finite."""
     write_text(path, json.dumps(content, indent=2, allow_nan=False) + "\n")
 
 

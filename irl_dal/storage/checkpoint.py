@@ -10,15 +10,15 @@ is removed, and shards are written before the checkpoint that counts them. A pro
 be killed at any moment: the newest folder is complete. File modes follow the umask.
 """
 
-from __future__ import annotations
-
+import fcntl
 import json
 import shutil
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from textwrap import shorten
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import torch
@@ -27,13 +27,12 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_arrays
 from safetensors.numpy import save as save_arrays
 
-__all__ = ["FORMAT_VERSION", "MISFITS", "Checkpoint", "CheckpointError", "CheckpointStore"]
+__all__ = ["MISFITS", "Checkpoint", "CheckpointError", "CheckpointStore", "run_lock"]
 
-FORMAT_VERSION = 2
-"""Raised whenever a checkpoint of the previous code could be misread."""
+FORMAT_VERSION = 2  # raised whenever a checkpoint of the previous code could be misread
 
+# What torch, numpy and dictionaries raise when a state is loaded into something else.
 MISFITS = (AttributeError, IndexError, KeyError, RuntimeError, TypeError, ValueError)
-"""What torch, numpy and dictionaries raise when a state is loaded into something else."""
 
 _STATE, _TENSORS = "state.json", "tensors.safetensors"
 
@@ -44,7 +43,7 @@ class CheckpointError(RuntimeError):
     """A checkpoint cannot be used or written; one line that names the run and what is wrong."""
 
     @classmethod
-    def misfit(cls, path: Path, purpose: str, error: Exception) -> CheckpointError:
+    def misfit(cls, path: Path, purpose: str, error: Exception) -> Self:
         """The line for an error of `MISFITS`."""
         what = shorten(str(error), 200)
         return cls(f"{path}: does not fit {purpose} ({type(error).__name__}: {what})")
@@ -52,29 +51,17 @@ class CheckpointError(RuntimeError):
 
 @dataclass(frozen=True, slots=True)
 class Checkpoint:
-    """What was loaded.
-
-    Attributes:
-        folder: Where it lies.
-        step: Environment steps at which it was written.
-        state: Nested dictionaries, as they were handed to `CheckpointStore.save`.
-        provenance: Commit, config hash and whatever else the writer recorded.
-        shards: Number of replay shards that belong to it.
-    """
+    """What was loaded."""
 
     folder: Path
-    step: int
-    state: dict[str, Any]
-    provenance: dict[str, str]
-    shards: int
+    step: int  # environment steps at which it was written
+    state: dict[str, Any]  # as it was handed to `CheckpointStore.save`
+    provenance: dict[str, str]  # commit, config hash and whatever else the writer recorded
+    shards: int  # number of replay shards that belong to it
 
 
 class CheckpointStore:
-    """The checkpoints of one run.
-
-    Args:
-        run_dir: Run folder; everything is kept in its `checkpoints` folder.
-    """
+    """The checkpoints of one run, in the folder `checkpoints` of its run folder."""
 
     def __init__(self, run_dir: Path) -> None:
         self.run_dir = run_dir
@@ -96,12 +83,9 @@ class CheckpointStore:
         Args:
             state: Nested dictionaries, lists and tuples of tensors, arrays, numbers, strings, None.
             step: Environment steps so far.
-            provenance: Commit, config hash, ...
+            provenance: Where it comes from.
             shard: What the replay buffer gained since the last checkpoint.
             final: The run is complete: remove the replay shards.
-
-        Returns:
-            The folder written.
 
         Raises:
             TypeError: If the state holds something that is neither of these.
@@ -165,24 +149,14 @@ class CheckpointStore:
         return Checkpoint(folder, *parts)
 
     def resume(self) -> Checkpoint:
-        """Read the newest checkpoint and go on writing after it.
-
-        Shards that it does not count, of an interval that was lost, are overwritten.
-
-        Raises:
-            CheckpointError: As `load`.
-        """
+        """`load`, and go on writing after it, over the shards of an interval that was lost."""
         checkpoint = self.load()
         self._shards = checkpoint.shards
         self._remove_others(checkpoint.folder)
         return checkpoint
 
     def shards(self, checkpoint: Checkpoint) -> Iterator[Arrays]:
-        """The replay shards of a checkpoint, oldest first, one in memory at a time.
-
-        Raises:
-            CheckpointError: If one is missing or damaged.
-        """
+        """The replay shards of a checkpoint, oldest first, one in memory at a time."""
         return (_read(self._shard(i + 1), load_arrays) for i in range(checkpoint.shards))
 
     def _append(self, shard: Mapping[str, NDArray[Any]]) -> None:
@@ -206,21 +180,13 @@ class CheckpointStore:
 
 
 def pack(state: Any) -> tuple[Arrays, Any]:
-    """Split a nested state into arrays and a JSON document that says where each belongs.
-
-    Raises:
-        TypeError: If something is neither a container, tensor, array, number, string nor None.
-    """
+    """Split a nested state into arrays and a JSON document that says where each belongs."""
     arrays: Arrays = {}
     return arrays, _pack(state, "state", arrays)
 
 
 def unpack(arrays: Mapping[str, NDArray[Any]], skeleton: Any) -> Any:
-    """Put together what `pack` took apart.
-
-    Raises:
-        KeyError, TypeError, ValueError, RecursionError: If `skeleton` is not of `pack`.
-    """
+    """Put together what `pack` took apart."""
     if isinstance(skeleton, list):
         return [unpack(arrays, entry) for entry in skeleton]
     if not isinstance(skeleton, dict):
@@ -243,10 +209,10 @@ def _pack(value: Any, path: str, arrays: Arrays) -> Any:
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, torch.Tensor | np.ndarray):
-        tensor = isinstance(value, torch.Tensor)
+        kind = "tensor" if isinstance(value, torch.Tensor) else "array"
         array = value.detach().cpu().numpy() if isinstance(value, torch.Tensor) else value
         arrays[path] = np.ascontiguousarray(array).reshape(array.shape)
-        return {"kind": "tensor" if tensor else "array", "key": path}
+        return {"kind": kind, "key": path}
     if isinstance(value, Mapping):
         items = [[key, _pack(entry, f"{path}/{key}", arrays)] for key, entry in value.items()]
         return {"kind": "dict", "items": items}
@@ -254,6 +220,28 @@ def _pack(value: Any, path: str, arrays: Arrays) -> Any:
         entries = [_pack(entry, f"{path}/{i}", arrays) for i, entry in enumerate(value)]
         return {"kind": "tuple", "items": entries} if isinstance(value, tuple) else entries
     raise TypeError(f"`{path}` cannot be stored in a checkpoint. Got a {type(value).__name__}.")
+
+
+@contextmanager
+def run_lock(run_dir: Path) -> Iterator[None]:
+    """Hold a run folder meanwhile; the system lets go of it when the process ends, however it ends.
+
+    Evaluating needs no lock, so a folder that cannot be written can be evaluated.
+
+    Raises:
+        CheckpointError: If another process holds it, or the folder cannot be written.
+    """
+    name = repr(str(run_dir))
+    try:
+        file = (run_dir / ".lock").open("w")
+    except OSError as error:
+        raise CheckpointError(f"resume = {name}: cannot be written ({error.strerror})") from None
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            raise CheckpointError(f"resume = {name}: another process trains this run") from None
+        yield
 
 
 def _require_finite(arrays: Arrays, where: str) -> None:

@@ -1,7 +1,5 @@
 """A short hash of everything that a kept result depends on."""
 
-from __future__ import annotations
-
 import ast
 import hashlib
 from collections.abc import Iterable
@@ -13,18 +11,12 @@ import shield
 
 __all__ = ["code_fingerprint", "fingerprint"]
 
-SHOWING = frozenset(
-    {"bench", "cli", "figures", "sweep"} | {"compare.py", "evaluate.py", "report.py", "train.py"}
-)
-"""Parts of `irl_dal` that no drive depends on. New parts count until they are named here."""
+# Parts of `irl_dal` that no drive depends on. New parts count until they are named here.
+SHOWING = ("bench", "cli", "figures", "sweep", "compare.py", "evaluate.py", "report.py", "train.py")
 
 
 def fingerprint(*parts: str | Path) -> str:
-    """Twelve hexadecimal digits that change with any of the parts.
-
-    Args:
-        parts: Texts, and files, whose bytes count.
-    """
+    """Twelve hexadecimal digits that change with any of the texts and of the files' bytes."""
     return _digest(part.encode() if isinstance(part, str) else part.read_bytes() for part in parts)
 
 
@@ -36,10 +28,9 @@ def code_fingerprint() -> str:
     """
     inside = (path for path in Path(irl_dal.__path__[0]).iterdir() if path.name not in SHOWING)
     roots = [*inside, Path(expert.__path__[0]), Path(shield.__path__[0])]
-    files = [root if root.is_file() else root.rglob("*") for root in roots]
-    flat = [path for entry in files for path in ([entry] if isinstance(entry, Path) else entry)]
-    sources = sorted(path for path in flat if path.suffix == ".py")
-    models = sorted(path for path in flat if path.suffix == ".urdf")
+    files = {path for root in roots for path in [root, *root.rglob("*")]}
+    sources = sorted(path for path in files if path.suffix == ".py")
+    models = sorted(path for path in files if path.suffix == ".urdf")
     return _digest([*map(_meaning, sources), *(path.read_bytes() for path in models)])
 
 
@@ -48,12 +39,12 @@ def _meaning(source: Path) -> bytes:
     tree = ast.parse(source.read_bytes())
     for node in ast.walk(tree):
         if isinstance(node, ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-            node.body = [entry for entry in node.body if not _is_text(entry)]
+            node.body = [
+                entry
+                for entry in node.body
+                if not (isinstance(entry, ast.Expr) and isinstance(entry.value, ast.Constant))
+            ]
     return ast.dump(tree).encode()
-
-
-def _is_text(node: ast.stmt) -> bool:
-    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
 def _digest(contents: Iterable[bytes]) -> str:

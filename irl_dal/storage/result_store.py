@@ -13,8 +13,6 @@ may change, a number may not. A constant raised by hand whenever behaviour chang
 drives, and would be forgotten: then numbers of two behaviours stand in one row without a word.
 """
 
-from __future__ import annotations
-
 import fcntl
 import json
 import os
@@ -30,17 +28,14 @@ from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
 
 __all__ = ["RESULT_FORMAT", "ResultStore", "result_key"]
 
-RESULT_FORMAT = 1
-"""Raised whenever this version could misread the files of an older one."""
+RESULT_FORMAT = 1  # raised whenever this version could misread the files of an older one
 
 
 def result_key(settings: Mapping[str, Any], weights: Path | None = None) -> str:
     """Twelve hexadecimal digits that name all that a result depends on, beside its seed.
 
-    Args:
-        settings: What was asked for, ready for JSON: the configuration without what changes no
-            number (how many episodes, how many processes).
-        weights: Folder of the checkpoint that drives; None without one.
+    `settings` are ready for JSON, without what changes no number (how many episodes, how many
+    processes); `weights` is the folder of the checkpoint that drives, None without one.
     """
     text = json.dumps({"format": RESULT_FORMAT, "settings": settings}, sort_keys=True)
     files = () if weights is None else sorted(weights.iterdir())
@@ -49,12 +44,7 @@ def result_key(settings: Mapping[str, Any], weights: Path | None = None) -> str:
 
 @dataclass(frozen=True, slots=True)
 class ResultStore:
-    """Results under one key.
-
-    Attributes:
-        folder: Its last part is a `result_key`, or the folder says otherwise what its results
-            depend on. Made on the first write.
-    """
+    """Results under one key: the folder's last part is a `result_key`, or says as much."""
 
     folder: Path
 
@@ -71,11 +61,7 @@ class ResultStore:
         return dict(content) if isinstance(content, dict) else None
 
     def put(self, what: str, item: int | str, result: Mapping[str, Any]) -> None:
-        """Keep a result; numbers that are not finite are kept too.
-
-        Raises:
-            OSError: It cannot be written.
-        """
+        """Keep a result; numbers that are not finite are kept too."""
         write_text(self._path(what, item), json.dumps(result))
 
     @contextmanager

@@ -1,7 +1,5 @@
 """Run folders: what a run was asked for, where it came from, what it produced."""
 
-from __future__ import annotations
-
 import json
 import os
 import platform
@@ -19,11 +17,11 @@ import yaml
 from irl_dal.cli.threads import GRADIENT_THREADS
 from irl_dal.config import GROUPS, ConfigError, RunConfig, config_hash, parse, to_mapping
 from irl_dal.shortcuts import in_use
+from irl_dal.storage.atomic import write_json
 
 __all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
 
-RUN_FORMAT = 2
-"""Raised whenever this version could misread the run folder of an older one."""
+RUN_FORMAT = 2  # raised whenever this version could misread the run folder of an older one
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,11 +89,15 @@ def _write_origin(folder: Path, config: RunConfig) -> None:
     """What the run was asked for, and where it comes from."""
     document = yaml.safe_dump(to_mapping(config), sort_keys=False)
     (folder / "config.yaml").write_text(document, encoding="utf-8")
-    started = {"format": RUN_FORMAT, "started": datetime.now().astimezone().isoformat()}
-    machine = {"machine": platform.platform(), "gradient_threads": GRADIENT_THREADS}
-    shortcuts = {"shortcuts": in_use()}
-    text = json.dumps(started | provenance(config) | machine | shortcuts, indent=2)
-    (folder / "run.json").write_text(text + "\n", encoding="utf-8")
+    origin = {
+        "format": RUN_FORMAT,
+        "started": datetime.now().astimezone().isoformat(),
+        **provenance(config),
+        "machine": platform.platform(),
+        "gradient_threads": GRADIENT_THREADS,
+        "shortcuts": in_use(),
+    }
+    write_json(folder / "run.json", origin)
 
 
 def open_run(key: str, path: Path) -> RunFolder:
@@ -127,7 +129,11 @@ def open_run(key: str, path: Path) -> RunFolder:
 
 def provenance(config: RunConfig) -> dict[str, str]:
     """Where results come from: configuration hash, commit and version of the code."""
-    return {"config_hash": config_hash(config), "commit": _commit(), "version": _version()}
+    try:
+        installed = version("irl-dal")
+    except PackageNotFoundError:
+        installed = "unknown"
+    return {"config_hash": config_hash(config), "commit": _commit(), "version": installed}
 
 
 def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
@@ -138,7 +144,7 @@ def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{where}: {path.name} cannot be read ({error.strerror})") from None
     except (ValueError, RecursionError, yaml.YAMLError):
-        raise ConfigError(f"{where}: {path.name} is damaged") from None
+        content = None
     if not isinstance(content, Mapping):
         raise ConfigError(f"{where}: {path.name} is damaged")
     return dict(content)
@@ -162,10 +168,3 @@ def _git(folder: Path, *arguments: str) -> str | None:
     except (OSError, subprocess.SubprocessError):
         return None
     return done.stdout.strip()
-
-
-def _version() -> str:
-    try:
-        return version("irl-dal")
-    except PackageNotFoundError:
-        return "unknown"

@@ -16,7 +16,7 @@ from safetensors.numpy import load_file, save_file
 
 from irl_dal import evaluate, train
 from irl_dal.learning.run_log import read_metrics
-from irl_dal.storage.lock import run_lock
+from irl_dal.storage.checkpoint import run_lock
 from irl_dal.storage.run_folder import open_run
 
 TINY = (

@@ -1,36 +1,37 @@
-"""One of the cars that a run trains on, as an environment for stable-baselines3.
+"""The cars that a run trains on, as environments for stable-baselines3.
 
 An episode is drawn from the run's seed and the episode's own number: its place, its traffic, its
 disturbances and the planner's noise. Which process it is driven in, and beside what, makes no
-difference to it.
+difference to it. Wherever the cars are, they drive the same steps, and come in the same order.
 """
 
-from __future__ import annotations
-
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from itertools import chain
 from typing import Any
 
 import gymnasium
 import numpy as np
 import torch
 from numpy.typing import NDArray
+from stable_baselines3.common.vec_env import SubprocVecEnv, VecEnv
 
 from expert.modes import Mode
 from expert.replay import Transition
-from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
+from irl_dal.learning.collection.recorder import Counts, EpisodeEnd, StepRecord
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.imitation.disturbance import Disturbance
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
-__all__ = ["Driver"]
+__all__ = ["Driver", "DriverProcesses", "demonstrations"]
+
+# [steps] of a demonstration that each car drives before it waits for the others: slow and fast ones
+# even out, and two cars are done when the next planner update is due (Table II: every 500 steps).
+BLOCK = 250
 
 
 class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     """Drives one car, its episodes one after another.
-
-    `step` takes the policy's normalised action (2,); `info["record"]` is the step's `StepRecord`.
-    `demonstrate` lets the expert drive instead.
 
     The episodes of a run are numbered consecutively; this car drives numbers `place`,
     `place + n_envs`, and so on. Their seeds begin at `first_seed`, so that evaluations with smaller
@@ -44,18 +45,13 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     """
 
     def __init__(
-        self,
-        loop: ControlLoop,
-        config: LearningConfig,
-        seeds: np.random.SeedSequence,
-        place: int,
+        self, loop: ControlLoop, config: LearningConfig, seeds: np.random.SeedSequence, place: int
     ) -> None:
         self.observation_space, self.action_space = loop.observation_space, loop.action_space
         self.loop = loop
         self._config = config
         self._seeds = seeds
-        self._next = place
-        self._under_way = False
+        self.begin_at(place)
 
     def begin_at(self, episode: int) -> None:
         """Number of the episode that begins next."""
@@ -85,12 +81,11 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     def step(
         self, action: NDArray[Any]
     ) -> tuple[Observation, float, bool, bool, dict[str, StepRecord]]:
-        """Drive one step with the policy's normalised action (2,)."""
+        """Drive one step with the policy's normalised action (2,); `info["record"]` tells of it."""
         error = np.abs(np.clip(action, -1.0, 1.0) - self._info["expert_action"]).mean() / 2.0
         record = self._record(self.loop.step(action), disagreement=float(error))
-        terminated, truncated = record.transition.terminated, record.end is EpisodeEnd.TIME_LIMIT
-        reward = record.transition.reward
-        return self._observation, reward, terminated, truncated, {"record": record}
+        driven, truncated = record.transition, record.end is EpisodeEnd.TIME_LIMIT
+        return self._observation, driven.reward, driven.terminated, truncated, {"record": record}
 
     def demonstrate(self, steps: int) -> list[StepRecord]:
         """Let the expert go on for some steps, into new episodes where one ends.
@@ -118,7 +113,9 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
     ) -> StepRecord:
         """Join the state acted upon with what the loop returned."""
         observation, reward, terminated, truncated, info = result
-        end = EpisodeEnd.of(terminated, truncated, success=bool(info["success"]))
+        end = EpisodeEnd.TIME_LIMIT if truncated else EpisodeEnd.GOES_ON
+        if terminated:
+            end = EpisodeEnd.SUCCESS if info["success"] else EpisodeEnd.FAILURE
         transition = Transition(
             image=self._observation["image"],
             lidar=self._observation["lidar"],
@@ -162,3 +159,30 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
             reward=reward,
             disagreement=disagreement,
         )
+
+
+class DriverProcesses(SubprocVecEnv):
+    """stable-baselines3's cars in processes, which can be closed at any moment.
+
+    After Ctrl-C some cars have answered and others have not, and stable-baselines3 would wait for
+    answers that it has already. Nothing in these processes needs an orderly end.
+    """
+
+    def close(self) -> None:
+        """End the processes, whatever they do."""
+        for process in self.processes:
+            process.terminate()
+        for process in self.processes:
+            process.join()
+        self.closed = True
+
+
+def demonstrations(cars: VecEnv, steps: int) -> Iterator[StepRecord]:
+    """At least so many steps of the expert, of all cars together, the cars in turn.
+
+    The expert drives the same whatever was learnt, so cars need not wait for the learners.
+    """
+    each = -(-steps // cars.num_envs)
+    for begun in range(0, each, BLOCK):
+        records = cars.env_method("demonstrate", min(BLOCK, each - begun))
+        yield from chain.from_iterable(zip(*records, strict=True))

@@ -1,30 +1,77 @@
-"""Stores, counts and averages the steps of the cars."""
-
-from __future__ import annotations
+"""What learning reads of the cars' steps: one step's record, and what is stored and counted."""
 
 from collections import deque
-from dataclasses import asdict
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, fields
+from enum import IntEnum
+from typing import Any, Self
 
 import numpy as np
+from numpy.typing import NDArray
 
-from expert.replay import ReplayBuffer
-from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
-from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
+from expert.replay import ReplayBuffer, Transition
 
-__all__ = ["Recorder"]
+__all__ = ["Counts", "EpisodeEnd", "Recorder", "StepRecord"]
 
-RECENT = 20
-"""Episodes behind a running mean."""
+RECENT = 20  # episodes behind a running mean
+
+
+class EpisodeEnd(IntEnum):
+    """How a step left its episode."""
+
+    GOES_ON = 0
+    SUCCESS = 1
+    FAILURE = 2
+    TIME_LIMIT = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """What happened in a step, in several or in a whole training; numbers that only grow."""
+
+    steps: int = 0
+    episodes: int = 0  # that came to an end
+    successes: int = 0  # of these, goal reached without any violation
+    collisions: int = 0  # of these, ended by a collision
+    triggers: int = 0  # steps on which the planner was used
+    plans_projected: int = 0  # that the planner's projection changed
+    plan_fallbacks: int = 0
+    shield_corrections: int = 0  # steps on which the shield changed the command
+    command_violations: int = 0  # executed commands beyond a bound: stays 0 with the shield
+    policy_violations: int = 0  # steps whose own command of the policy would have broken a bound
+    reward: float = 0.0  # sum of the environment reward
+    disagreement: float = 0.0  # sum of mean abs(policy's own action - label) / 2, its own steps
+
+    def __add__(self, other: Self) -> Self:
+        return type(self)(*(getattr(self, e.name) + getattr(other, e.name) for e in fields(self)))
+
+    def __sub__(self, other: Self) -> Self:
+        return type(self)(*(getattr(self, e.name) - getattr(other, e.name) for e in fields(self)))
+
+
+@dataclass(frozen=True, slots=True)
+class StepRecord:
+    """One step, as its car records it."""
+
+    transition: Transition  # what the replay buffer may keep
+    end: EpisodeEnd
+    counts: Counts  # what the step adds to the run's counts
+    episode_return: float  # undiscounted environment reward of the episode so far
+
+    @property
+    def seen(self) -> Mapping[str, NDArray[Any]]:
+        """The observation acted upon."""
+        known = self.transition
+        return {"image": known.image, "lidar": known.lidar, "speed": known.speed}
 
 
 class Recorder:
-    """Takes the steps of all cars in the order in which they are learnt from.
+    """Stores, counts and averages the steps of all cars in the order in which they are learnt from.
 
     Args:
         replay: D_s.
-        correction: Says whether intervened steps are stored.
         n_envs: Cars.
+        keep_intervened: Whether D_s gets the steps on which the planner acted.
 
     Attributes:
         counts: What happened so far.
@@ -32,12 +79,12 @@ class Recorder:
         upcoming: For each car, the number of the episode after its newest one.
     """
 
-    def __init__(self, replay: ReplayBuffer, correction: ExperienceCorrection, n_envs: int) -> None:
+    def __init__(self, replay: ReplayBuffer, n_envs: int, *, keep_intervened: bool = True) -> None:
         self.counts = Counts()
         self.marks = 0
         self.upcoming = list(range(n_envs))
         self._replay = replay
-        self._correction = correction
+        self._keep_intervened = keep_intervened
         self._recent: deque[tuple[float, float]] = deque(maxlen=RECENT)
 
     @property
@@ -47,9 +94,9 @@ class Recorder:
         return float(means[0]), float(means[1])
 
     def take(self, record: StepRecord) -> None:
-        """Store a step where the experience correction says so, and count it."""
+        """Count a step, and store it unless it is intervened and such steps are left out."""
         transition, n_envs = record.transition, len(self.upcoming)
-        if self._correction.keeps(transition.intervened):
+        if self._keep_intervened or not transition.intervened:
             self._replay.add(transition)
             self.marks += int(transition.intervened)
         self.counts += record.counts

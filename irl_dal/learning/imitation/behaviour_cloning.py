@@ -10,8 +10,6 @@
 The mask (LAM) lies on the way from observation to action, so these gradients train it too.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -35,49 +33,35 @@ from shield.arguments import check_positive, check_within
 
 __all__ = ["BehaviourCloning", "CloningConfig"]
 
-
+# Gradient steps between two looks of the plateau scheduler, each at the mean held-out loss since
+# the last one: as many as an update of phase 1 has. One of phase 2 alone is too short to tell.
 STEPS_PER_LOOK = 150
-"""Gradient steps between two looks of the plateau scheduler, each at the mean held-out loss since
-the last one: as many as an update of phase 1 has. An update of phase 2 alone is too short to tell.
-"""
 
+# By which the learning rate falls on a plateau (stable practice; Table II gives the patience only),
+# and where it stops falling: new states keep coming.
 FACTOR, MIN_LEARNING_RATE = 0.5, 5e-5
-"""By which the learning rate falls on a plateau (stable practice; Table II gives the patience
-only), and where it stops falling: new states keep coming."""
 
-VALIDATION_SIZE = 512
-"""Held-out samples behind each reported loss, drawn evenly over the modes."""
+VALIDATION_SIZE = 512  # held-out samples behind each reported loss, drawn evenly over the modes
 
 
 @dataclass(frozen=True, slots=True)
 class CloningConfig:
-    """Behaviour cloning (Table II unless the attribute says otherwise).
+    """Behaviour cloning (Table II unless the attribute says otherwise)."""
 
-    Attributes:
-        learning_rate: eta_BC of Adam.
-        l2: lambda_L2.
-        max_grad_norm: G_max.
-        patience: Looks at the held-out loss without progress before the learning rate falls.
-        batch_size: Samples per gradient step (not in the paper).
-        steps_imitation: Gradient steps per update in phase 1 (not in the paper).
-        steps_mixed: Gradient steps per update in phase 2 (not in the paper).
-        corrected_share: Part of each batch drawn from the steps that experience correction marked,
-            as soon as there are any (not in the paper).
-    """
-
-    learning_rate: float = 3e-4
-    l2: float = 1e-6
-    max_grad_norm: float = 0.5
-    patience: int = 5
-    batch_size: int = 128
-    steps_imitation: int = 150
-    steps_mixed: int = 60
+    learning_rate: float = 3e-4  # eta_BC of Adam
+    l2: float = 1e-6  # lambda_L2
+    max_grad_norm: float = 0.5  # G_max
+    patience: int = 5  # looks at the held-out loss without progress before the learning rate falls
+    batch_size: int = 128  # samples per gradient step (not in the paper)
+    steps_imitation: int = 150  # gradient steps per update in phase 1 (not in the paper)
+    steps_mixed: int = 60  # gradient steps per update in phase 2 (not in the paper)
+    # Part of each batch drawn from the steps that experience correction marked, as soon as there
+    # are any (not in the paper).
     corrected_share: float = 0.25
 
     def __post_init__(self) -> None:
-        check_positive(
-            ValueError, learning_rate=self.learning_rate, max_grad_norm=self.max_grad_norm
-        )
+        rates = {"learning_rate": self.learning_rate, "max_grad_norm": self.max_grad_norm}
+        check_positive(ValueError, **rates)
         names = ("l2", "patience", "steps_imitation", "steps_mixed")
         check_within(ValueError, 0, math.inf, **{name: getattr(self, name) for name in names})
         check_within(ValueError, 1, math.inf, batch_size=self.batch_size)
@@ -96,14 +80,13 @@ class BehaviourCloning:
         self.config = config
         self.policy = policy
         self._parameters = actor_parameters(policy)
-        alphas = _mask_parameters(policy)
+        modules = policy.features_extractor.modules()
+        masks = [module for module in modules if isinstance(module, LearnableAdaptiveMask)]
+        alphas = {id(parameter) for mask in masks for parameter in mask.parameters()}
         self._regularised = [p for p in self._parameters if id(p) not in alphas]
         self._optimizer = torch.optim.Adam(self._parameters, lr=config.learning_rate, fused=True)
         self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
-            self._optimizer,
-            factor=FACTOR,
-            patience=config.patience,
-            min_lr=MIN_LEARNING_RATE,
+            self._optimizer, factor=FACTOR, patience=config.patience, min_lr=MIN_LEARNING_RATE
         )
         self._steps = 0
         self._seen: list[float] = []
@@ -122,15 +105,7 @@ class BehaviourCloning:
         return error.square().sum(dim=1).mean() + self.config.l2 * norm
 
     def update(self, draw: Callable[[], ReplayBatch], steps: int) -> float:
-        """Take gradient steps.
-
-        Args:
-            draw: Gives the batch of each step.
-            steps: How many.
-
-        Returns:
-            Mean training loss, L2 included; NaN for no steps.
-        """
+        """Take steps, each on a batch of `draw`; gives the mean loss with L2, NaN for no steps."""
         self.policy.set_training_mode(True)
         losses = []
         for _ in range(steps):
@@ -159,11 +134,8 @@ class BehaviourCloning:
         with torch.no_grad():
             actions = mean_action(self.policy, observation_tensors(batch))
         errors = (actions.numpy() - batch.labels) ** 2
-        return {
-            mode: float(errors[batch.modes == mode].mean())
-            for mode in Mode
-            if (batch.modes == mode).any()
-        }
+        present = map(Mode, np.unique(batch.modes))
+        return {mode: float(errors[batch.modes == mode].mean()) for mode in present}
 
     def plateau(self, loss: float) -> None:
         """Take note of a held-out loss; the scheduler looks every `STEPS_PER_LOOK` steps."""
@@ -186,8 +158,3 @@ class BehaviourCloning:
         self._optimizer.load_state_dict(state["optimizer"])
         self._scheduler.load_state_dict(state["scheduler"])
         self._steps, self._seen = state["steps"], list(state["seen"])
-
-
-def _mask_parameters(policy: DrivingPolicy) -> set[int]:
-    masks = (m for m in policy.features_extractor.modules() if isinstance(m, LearnableAdaptiveMask))
-    return {id(parameter) for mask in masks for parameter in mask.parameters()}

@@ -5,8 +5,6 @@ The network that plans carries the exponential moving average of the weights; th
 optimiser moves are kept here.
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass
@@ -23,36 +21,24 @@ from shield.arguments import check_positive, check_within
 
 __all__ = ["DiffusionTraining", "DiffusionTrainingConfig"]
 
+MAX_GRAD_NORM = 1.0  # Table II's G_max is the policy's: the denoiser has gradients of its own
 
-MAX_GRAD_NORM = 1.0
-"""Larger than Table II's G_max, which is the policy's: the denoiser has gradients of its own."""
-
+# Updates without progress before the learning rate falls (Table II), by which it falls, and where
+# it stops falling: new stretches keep coming.
 PATIENCE, FACTOR, MIN_LEARNING_RATE = 5, 0.5, 1e-4
-"""Updates without progress before the learning rate falls (Table II), by which it falls, and where
-it stops falling: new stretches keep coming."""
 
-AVERAGE_DECAY = 0.99
-"""Share of the moving average that a gradient step leaves in place: it spans about two updates."""
-
-VALIDATION_SIZE = 512
-"""Held-out chunks behind each reported loss."""
+AVERAGE_DECAY = 0.99  # of the moving average per gradient step: it spans about two updates
+VALIDATION_SIZE = 512  # held-out chunks behind each reported loss
 
 
 @dataclass(frozen=True, slots=True)
 class DiffusionTrainingConfig:
-    """Training of the planner (not in the paper).
+    """Training of the planner (not in the paper)."""
 
-    Attributes:
-        learning_rate: Of Adam.
-        batch_size: Chunks per gradient step.
-        steps_imitation: Gradient steps per update in phase 1.
-        steps_mixed: The same in phase 2; 0 trains the planner in phase 1 only (Algorithm 1 does not
-            say).
-    """
-
-    learning_rate: float = 1e-3
-    batch_size: int = 256
-    steps_imitation: int = 40
+    learning_rate: float = 1e-3  # of Adam
+    batch_size: int = 256  # chunks per gradient step
+    steps_imitation: int = 40  # gradient steps per update in phase 1
+    # The same in phase 2; 0 trains the planner in phase 1 only (Algorithm 1 does not say).
     steps_mixed: int = 10
 
     def __post_init__(self) -> None:
@@ -65,10 +51,7 @@ class DiffusionTrainingConfig:
 class DiffusionTraining:
     """Trains a planner's network in place.
 
-    Args:
-        planner: Whose network learns.
-        config: Rates and sizes.
-        rng: Source of the batches; noise and diffusion steps come from the planner's generator.
+    `rng` draws the batches; noise and diffusion steps come from the planner's generator.
     """
 
     def __init__(
@@ -80,14 +63,10 @@ class DiffusionTraining:
         self._network: nn.Module = planner.denoiser
         self._trained = copy.deepcopy(self._network.state_dict())
         self._updates = 0
-        self._optimizer = torch.optim.Adam(
-            self._network.parameters(), lr=config.learning_rate, fused=True
-        )
+        weights = self._network.parameters()
+        self._optimizer = torch.optim.Adam(weights, lr=config.learning_rate, fused=True)
         self._scheduler = torch.optim.lr_scheduler.ReduceLROnPlateau(
-            self._optimizer,
-            factor=FACTOR,
-            patience=PATIENCE,
-            min_lr=MIN_LEARNING_RATE,
+            self._optimizer, factor=FACTOR, patience=PATIENCE, min_lr=MIN_LEARNING_RATE
         )
 
     @property
@@ -96,15 +75,12 @@ class DiffusionTraining:
         return float(self._optimizer.param_groups[0]["lr"])
 
     def update(self, replay: ReplayBuffer, steps: int, *, balanced: bool = True) -> float:
-        """Take gradient steps on the expert's chunks.
+        """Take gradient steps on the expert's chunks; gives the mean loss, NaN for no steps.
 
         Args:
-            replay: Where the chunks come from; must have some.
+            replay: Must have chunks.
             steps: How many.
             balanced: Evenly over the modes of the chunks' first steps.
-
-        Returns:
-            Mean training loss; NaN for no steps.
         """
         average = _clone(self._network)
         self._network.load_state_dict(self._trained)

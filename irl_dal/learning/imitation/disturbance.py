@@ -5,8 +5,6 @@ drifts (covariate shift). Noise in the demonstrations, with the clean label kept
 Laskey et al., "DART: Noise Injection for Robust Imitation Learning" (CoRL 2017, arXiv 1703.09327).
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -22,17 +20,10 @@ DURATION = (4, 8)  # [steps] of a burst: 0.4 to 0.8 s, long enough to move the c
 
 
 class Disturbance:
-    """Draws the bursts of an episode.
-
-    Args:
-        rng: Source of the draws.
-        rate: Probability that a burst begins in a calm step; 0 for an undisturbed expert.
-    """
+    """Draws the bursts of an episode; `rate` is the probability that one begins in a calm step."""
 
     def __init__(self, rng: np.random.Generator, rate: float) -> None:
-        self._rate = rate
-        self._rng = rng
-        self._left = 0
+        self._rng, self._rate, self._left = rng, rate, 0
         self._offset: Array = np.zeros(2)
 
     def step(self) -> Array | None:

@@ -11,10 +11,7 @@ another action earned: a biased surrogate. In the default form planner and shiel
 environment, and the correction reaches the policy through behaviour cloning.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -22,47 +19,31 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from irl_dal.learning.collection.step_record import StepRecord
+from irl_dal.learning.collection.recorder import StepRecord
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 
-__all__ = ["CorrectionForm", "ExperienceCorrection"]
+__all__ = ["CorrectionForm", "correct_as_printed"]
 
 CorrectionForm = Literal["label", "paper", "off"]
 
 
-@dataclass(frozen=True, slots=True)
-class ExperienceCorrection:
-    """Decides what is stored of an intervened step.
+@torch.no_grad()
+def correct_as_printed(
+    policy: DrivingPolicy,
+    records: Sequence[StepRecord],
+    actions: NDArray[np.float32],
+    log_probs: Tensor,
+) -> None:
+    """Put the expert's action in place of the policy's sample of every intervened step (`paper`).
 
-    Attributes:
-        form: `label`, `paper` or `off`.
+    Args:
+        policy: Under which the log-probability is taken.
+        records: A step of each of the E cars.
+        actions: The policy's samples (E, 2), normalised; changed in place.
+        log_probs: Their log-probabilities (E,); changed in place.
     """
-
-    form: CorrectionForm = "label"
-
-    def keeps(self, intervened: bool) -> bool:
-        """Whether the replay buffer gets the step."""
-        return not intervened or self.form != "off"
-
-    @torch.no_grad()
-    def correct(
-        self,
-        policy: DrivingPolicy,
-        records: Sequence[StepRecord],
-        actions: NDArray[np.float32],
-        log_probs: Tensor,
-    ) -> None:
-        """Put the expert's action in place of the policy's sample where the printed form does.
-
-        Args:
-            policy: Under which the log-probability is taken.
-            records: A step of each of the E cars.
-            actions: The policy's samples (E, 2), normalised; changed in place.
-            log_probs: Their log-probabilities (E,); changed in place.
-        """
-        for car, record in enumerate(records):
-            if self.form != "paper" or not record.transition.intervened:
-                continue
+    for car, record in enumerate(records):
+        if record.transition.intervened:
             seen, _ = policy.obs_to_tensor(dict(record.seen))
             actions[car] = record.transition.label
             label = torch.from_numpy(actions[car : car + 1])

@@ -1,19 +1,15 @@
 """A warm start for the critic: the first PPO updates should not follow an untrained one."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
-from numpy.typing import NDArray
-from torch import Tensor, nn
+from torch import nn
 
 from expert.replay import ReplayBuffer
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, observation_tensors
 
 __all__ = ["warm_start_critic"]
 
-BATCH_SIZE = 256
-LEARNING_RATE = 1e-3
+BATCH_SIZE, LEARNING_RATE = 256, 1e-3
 
 
 def warm_start_critic(
@@ -27,13 +23,7 @@ def warm_start_critic(
 ) -> float:
     """Regress the value head on the expert's discounted returns; the shared features stay.
 
-    Args:
-        policy: Whose value head learns.
-        replay: Filled by the expert.
-        gamma: Discount factor.
-        scale: What the critic's rewards are multiplied with.
-        steps: Gradient steps.
-        rng: Source of the batches.
+    `gamma` is the discount factor, `scale` what the critic's rewards are multiplied with.
 
     Returns:
         Explained variance of the returns after training; NaN for an empty buffer or no steps.
@@ -41,7 +31,10 @@ def warm_start_critic(
     if steps < 1 or not len(replay):
         return float("nan")
     slots, returns = replay.returns(gamma)
-    features = _features(policy, replay, slots)
+    with torch.no_grad():
+        batches = np.array_split(slots, -(-len(slots) // BATCH_SIZE))
+        seen = (observation_tensors(replay.gather(rows)) for rows in batches)
+        features = torch.cat([policy.features(batch) for batch in seen])
     targets = torch.from_numpy(scale * returns)
     head = nn.Sequential(policy.mlp_extractor.value_net, policy.value_net)
     optimizer = torch.optim.Adam(head.parameters(), lr=LEARNING_RATE)
@@ -55,12 +48,3 @@ def warm_start_critic(
     with torch.no_grad():
         left = (targets - head(features).squeeze(1)).var()
     return float(1.0 - left / targets.var().clamp(min=1e-12))
-
-
-@torch.no_grad()
-def _features(policy: DrivingPolicy, replay: ReplayBuffer, slots: NDArray[np.int64]) -> Tensor:
-    parts = []
-    for rows in np.array_split(slots, -(-len(slots) // BATCH_SIZE)):
-        seen = observation_tensors(replay.gather(rows))
-        parts.append(policy.extract_features(seen))
-    return torch.cat(parts)  # type: ignore[arg-type]  # actor and critic share their features

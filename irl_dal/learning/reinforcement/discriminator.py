@@ -10,8 +10,6 @@ positive logit says "the expert would do this".
 | `bce` | L_Disc |
 """
 
-from __future__ import annotations
-
 import copy
 import math
 from dataclasses import dataclass
@@ -27,40 +25,27 @@ from shield.arguments import check_positive, check_within
 
 __all__ = ["Discriminator", "DiscriminatorConfig", "DiscriminatorReport", "discriminator_loss"]
 
-KEPT_OUT = 5
-"""One pair in so many is kept out of an update, to report an honest accuracy."""
+KEPT_OUT = 5  # one pair in so many is kept out of an update, to report an honest accuracy
+HIDDEN = 128  # units in each of the two hidden layers (not in the paper): a quarter of the features
+BATCH_SIZE = 256  # expert samples, and as many of the agent's, per gradient step (not in the paper)
+WEIGHT_DECAY = 1e-3  # of Adam (not in the paper): against overfitting to the few pairs of an update
+MAX_GRAD_NORM = 0.5  # G_max (Table II)
 
-HIDDEN = 128
-"""Units in each of the two hidden layers (not in the paper): a quarter of the features."""
-
-BATCH_SIZE = 256
-"""Expert samples, and as many of the agent's, per gradient step (not in the paper)."""
-
+# Standard deviation of the noise on both sides' actions in training, normalised units: without it
+# the agent's exploration noise alone gives it away, and the reward is -1 whatever it does.
 ACTION_NOISE = 0.1
-"""Standard deviation of the noise on both sides' actions in training, normalised units: without it
-the agent's exploration noise alone gives it away, and the reward is -1 whatever it does."""
 
-WEIGHT_DECAY = 1e-3
-"""Of Adam (not in the paper): against overfitting to the few pairs of an update."""
-
-MAX_GRAD_NORM = 0.5
-"""G_max (Table II)."""
-
-_Pairs = tuple[Tensor, Tensor]
+Seen = tuple[dict[str, Tensor], Tensor]  # observations and executed actions
+_Pairs = tuple[Tensor, Tensor]  # features and actions
 
 
 @dataclass(frozen=True, slots=True)
 class DiscriminatorConfig:
-    """The discriminator (nothing of it is in the paper but its loss and its interval).
+    """The discriminator (nothing of it is in the paper but its loss and its interval)."""
 
-    Attributes:
-        learning_rate: Of Adam.
-        steps: Gradient steps per update.
-        samples: Expert samples, and at most as many of the agent's, that are encoded per update.
-    """
-
-    learning_rate: float = 3e-4
-    steps: int = 100
+    learning_rate: float = 3e-4  # of Adam
+    steps: int = 100  # gradient steps per update
+    # Expert samples, and at most as many of the agent's, that are encoded per update.
     samples: int = 2048
 
     def __post_init__(self) -> None:
@@ -70,29 +55,18 @@ class DiscriminatorConfig:
 
 @dataclass(frozen=True, slots=True)
 class DiscriminatorReport:
-    """One update.
+    """One update; all but the loss are of pairs that were kept out of it."""
 
-    Attributes:
-        loss: Mean binary cross-entropy, both sides added.
-        accuracy: Share of pairs of both sides, kept out of this update, that are told apart after
-            it; 0.5 is a coin.
-        expert_logit: Mean logit of the expert's pairs that were kept out.
-        agent_logit: Mean logit of the agent's pairs that were kept out.
-    """
-
-    loss: float
-    accuracy: float
-    expert_logit: float
-    agent_logit: float
+    loss: float  # mean binary cross-entropy, both sides added
+    accuracy: float  # share of pairs of both sides that are told apart; 0.5 is a coin
+    expert_logit: float  # mean of the expert's pairs
+    agent_logit: float  # mean of the agent's pairs
 
 
 class Discriminator:
     """A small MLP on frozen features and an action, with the optimiser that trains it.
 
-    Args:
-        policy: Whose perception is copied.
-        config: Learning rate and extent of an update.
-        generator: Source of the first weights, of batches and of the action noise.
+    It copies the policy's perception; `generator` draws first weights, batches and action noise.
     """
 
     def __init__(
@@ -105,7 +79,16 @@ class Discriminator:
         self._encoder = copy.deepcopy(policy.features_extractor).requires_grad_(False).eval()
         with torch.random.fork_rng():
             torch.manual_seed(int(torch.randint(2**62, (), generator=generator)))
-            self._head = _Head(policy.features_dim)
+            # LayerNorm because the features' scale drifts between syncs.
+            layers = nn.Sequential(
+                nn.Linear(policy.features_dim + 2, HIDDEN),
+                nn.Tanh(),
+                nn.Linear(HIDDEN, HIDDEN),
+                nn.Tanh(),
+                nn.Linear(HIDDEN, 1),
+            )
+            norm = nn.LayerNorm(policy.features_dim)
+            self._head = nn.ModuleDict({"norm": norm, "layers": layers})
         self._optimizer = torch.optim.Adam(
             self._head.parameters(), lr=config.learning_rate, weight_decay=WEIGHT_DECAY
         )
@@ -126,19 +109,15 @@ class Discriminator:
 
     def expert_logit(self, features: Tensor, actions: Tensor) -> Tensor:
         """Logit log D - log(1 - D) (B,) of features (B, 512) and executed actions (B, 2)."""
-        logit: Tensor = self._head(features, actions.to(features))
-        return logit
+        known = torch.cat([self._head["norm"](features), actions.to(features)], dim=1)
+        return self._head["layers"](known).squeeze(1)
 
     @torch.no_grad()
     def judge(self, observation: dict[str, Tensor], actions: Tensor) -> Tensor:
         """`expert_logit` of observations, without gradients."""
         return self.expert_logit(self.features(observation), actions)
 
-    def update(
-        self,
-        expert: tuple[dict[str, Tensor], Tensor],
-        agent: tuple[dict[str, Tensor], Tensor],
-    ) -> DiscriminatorReport:
+    def update(self, expert: Seen, agent: Seen) -> DiscriminatorReport:
         """Train on pairs of observations and executed actions of both sides."""
         ours, ours_kept = self._split(*agent)
         theirs, theirs_kept = self._split(*expert)
@@ -190,34 +169,12 @@ class Discriminator:
             return (features, actions), (features, actions)
         return (features[~kept], actions[~kept]), (features[kept], actions[kept])
 
-    def _batch(self, features: Tensor, actions: Tensor) -> tuple[Tensor, Tensor]:
-        size = (BATCH_SIZE,)
-        rows = torch.randint(len(features), size, generator=self._generator)
-        chosen = actions[rows]
-        noise = torch.randn(chosen.shape, generator=self._generator)
-        return features[rows], chosen + ACTION_NOISE * noise
+    def _batch(self, features: Tensor, actions: Tensor) -> _Pairs:
+        rows = torch.randint(len(features), (BATCH_SIZE,), generator=self._generator)
+        noise = torch.randn((BATCH_SIZE, 2), generator=self._generator)
+        return features[rows], actions[rows] + ACTION_NOISE * noise
 
 
 def discriminator_loss(expert_logit: Tensor, agent_logit: Tensor) -> Tensor:
     """Eq. discriminator_loss: -E_expert[log D] - E_agent[log(1 - D)], from logits; a scalar."""
     return softplus(-expert_logit).mean() + softplus(agent_logit).mean()
-
-
-class _Head(nn.Module):
-    """MLP on features and action; LayerNorm because the features' scale drifts between syncs."""
-
-    def __init__(self, features: int) -> None:
-        super().__init__()
-        self.norm = nn.LayerNorm(features)
-        self.layers = nn.Sequential(
-            nn.Linear(features + 2, HIDDEN),
-            nn.Tanh(),
-            nn.Linear(HIDDEN, HIDDEN),
-            nn.Tanh(),
-            nn.Linear(HIDDEN, 1),
-        )
-
-    def forward(self, features: Tensor, actions: Tensor) -> Tensor:
-        """Logits (B,)."""
-        logits: Tensor = self.layers(torch.cat([self.norm(features), actions], dim=1))
-        return logits.squeeze(1)

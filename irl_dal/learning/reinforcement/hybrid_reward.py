@@ -18,53 +18,36 @@ failure, which can then never be better than driving on, and at the rollout's me
 which neither pays nor costs. Time limits are bootstrapped with the critic.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.collection.recorder import EpisodeEnd
 
 __all__ = ["HybridReward", "HybridRewardConfig"]
 
 Array = NDArray[np.float32]
 ImitationForm = Literal["centred", "printed"]
 
-
+# Logit that is worth a `centred` reward of 1: D = 0.982, about as sure as the discriminator gets
+# beside the noise on its actions.
 LOGIT_SCALE = 4.0
-"""Logit that is worth a `centred` reward of 1: D = 0.982, about as sure as the discriminator gets
-beside the noise on its actions."""
-
-EPSILON = 1e-8
-"""Keeps the logarithm of the printed form finite (the paper gives no number)."""
-
-R_MIN, R_MAX = 0.0, 5.0
-"""Bounds of the printed form ("a predefined range"; the paper gives no numbers)."""
+EPSILON = 1e-8  # keeps the logarithm of the printed form finite (the paper gives no number)
+R_MIN, R_MAX = 0.0, 5.0  # of the printed form ("a predefined range"; the paper gives no numbers)
 
 
 @dataclass(frozen=True, slots=True)
 class HybridRewardConfig:
-    """Weights and forms.
+    """Weights, a convex combination, and forms."""
 
-    Attributes:
-        w_env: Weight of the environment's reward (Table II).
-        w_irl: Weight of the discriminator's reward (Table II).
-        form: `centred` or `printed`.
-        absorbing: Let r_irl go on after the end of an episode.
-        unit_returns: Multiply by 1 - gamma, so that returns are of the size of one reward and the
-            value loss does not drown the policy's gradient in the shared features.
-
-    Raises:
-        ValueError: If the weights are not a convex combination, or the form is unknown.
-    """
-
-    w_env: float = 0.7
-    w_irl: float = 0.3
-    form: ImitationForm = "centred"
-    absorbing: bool = True
+    w_env: float = 0.7  # weight of the environment's reward (Table II)
+    w_irl: float = 0.3  # weight of the discriminator's reward (Table II)
+    form: ImitationForm = "centred"  # `centred` or `printed`
+    absorbing: bool = True  # let r_irl go on after the end of an episode
+    # Multiply by 1 - gamma, so that returns are of the size of one reward and the value loss does
+    # not drown the policy's gradient in the shared features.
     unit_returns: bool = True
 
     def __post_init__(self) -> None:
@@ -78,25 +61,15 @@ class HybridRewardConfig:
 
 @dataclass(frozen=True, slots=True)
 class HybridReward:
-    """Mixes the two rewards.
-
-    Attributes:
-        config: Weights and forms.
-        gamma: Discount factor.
-    """
+    """Mixes the two rewards."""
 
     config: HybridRewardConfig
-    gamma: float
+    gamma: float  # discount factor
 
     @property
     def scale(self) -> float:
         """What every reward is multiplied with before the critic sees it."""
         return 1.0 - self.gamma if self.config.unit_returns else 1.0
-
-    @property
-    def worst(self) -> float:
-        """Lower bound of r_irl."""
-        return -1.0 if self.config.form == "centred" else R_MIN
 
     def imitation_reward(self, expert_logit: Array) -> Array:
         """r_irl for logits of any shape."""
@@ -112,7 +85,8 @@ class HybridReward:
             return np.zeros_like(imitation)
         for_ever = self.gamma / (1.0 - self.gamma)
         failed = ends == EpisodeEnd.FAILURE
-        after = np.where(failed, self.worst, float(imitation.mean())) * for_ever
+        worst = -1.0 if self.config.form == "centred" else R_MIN
+        after = np.where(failed, worst, float(imitation.mean())) * for_ever
         ended = failed | (ends == EpisodeEnd.SUCCESS)
         return np.where(ended, after, 0.0).astype(np.float32)
 

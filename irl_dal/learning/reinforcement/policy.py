@@ -1,7 +1,5 @@
 """The policy pi_theta: stable-baselines3's actor and critic on our perception."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium
@@ -27,12 +25,11 @@ __all__ = [
     "policy_arguments",
 ]
 
-PERCEIVED = "perceived"
-"""Key of features that stand for the observations they were made from."""
+PERCEIVED = "perceived"  # key of features that stand for the observations they were made from
 
+# Units in each of the two hidden layers of a head: stable-baselines3's default. The paper says
+# "lightweight MLP head".
 HIDDEN = 64
-"""Units in each of the two hidden layers of a head: stable-baselines3's default. The paper says
-"lightweight MLP head"."""
 
 
 class DrivingPolicy(MultiInputActorCriticPolicy):
@@ -49,11 +46,7 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
     def forward(
         self, obs: PyTorchObs, deterministic: bool = False
     ) -> tuple[Tensor, Tensor, Tensor]:
-        """Act.
-
-        Returns:
-            Actions (B, 2), values (B, 1), log-probabilities (B,).
-        """
+        """Act: actions (B, 2), values (B, 1), log-probabilities (B,)."""
         latent_pi, latent_vf = self.mlp_extractor(self.extract_features(obs))
         distribution = self.action_dist.proba_distribution(self.action_net(latent_pi), self.log_std)
         actions = distribution.mode()
@@ -65,21 +58,18 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
     def evaluate_actions(
         self, obs: PyTorchObs, actions: Tensor
     ) -> tuple[Tensor, Tensor, Tensor | None]:
-        """What PPO's losses are made of.
+        """What PPO's losses are made of: values (B, 1), log-probabilities (B,), entropies (B,).
 
         Args:
             obs: A batch of observations, or of what `perceive` made of them.
             actions: (B, 2).
-
-        Returns:
-            Values (B, 1), log-probabilities (B,) and entropies (B,).
         """
         assert isinstance(obs, dict)
         if PERCEIVED in obs:
             features = obs[PERCEIVED]
         else:
             with torch.set_grad_enabled(torch.is_grad_enabled() and self.perception_gradient):
-                features = self._features(obs)
+                features = self.features(obs)
         latent_pi, latent_vf = self.mlp_extractor(features)
         distribution = self.action_dist.proba_distribution(self.action_net(latent_pi), self.log_std)
         log_prob = distribution.log_prob(actions)
@@ -96,10 +86,11 @@ class DrivingPolicy(MultiInputActorCriticPolicy):
         parts = []
         for start in range(0, len(observations["speed"]), batch_size):
             rows = {key: value[start : start + batch_size] for key, value in observations.items()}
-            parts.append(self._features(self.obs_to_tensor(rows)[0]))
+            parts.append(self.features(self.obs_to_tensor(rows)[0]))
         return {PERCEIVED: torch.cat(parts).numpy()}
 
-    def _features(self, obs: PyTorchObs) -> Tensor:
+    def features(self, obs: PyTorchObs) -> Tensor:
+        """What actor and critic share (B, 512)."""
         features = self.extract_features(obs)
         assert isinstance(features, Tensor), "actor and critic share their features"
         return features
@@ -129,13 +120,7 @@ def build_policy(
     action_space: gymnasium.spaces.Box,
     perception: PerceptionConfig,
 ) -> DrivingPolicy:
-    """A policy without PPO, to load weights into: `predict` takes the city's observations.
-
-    Args:
-        observation_space: The city's, images channels last.
-        action_space: The city's.
-        perception: Of the extractor.
-    """
+    """A policy without PPO in the city's spaces, to load weights into."""
     spaces = dict(observation_space.spaces)
     image = spaces["image"]
     assert isinstance(image, gymnasium.spaces.Box)

@@ -12,8 +12,6 @@ cloned. Three things keep it near, none of them in the paper:
 * values and log-probabilities are renewed before an update (see `HybridRolloutBuffer`).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -31,60 +29,45 @@ from shield.arguments import check_positive, check_within
 
 __all__ = ["ActorCriticAdam", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
 
-SAMPLES = 256
-"""Observations on which the divergence of an update is measured."""
+SAMPLES = 256  # observations on which the divergence of an update is measured
 
+# Where the actor's learning rate begins: the size at which the first updates have the target
+# divergence (measured); it then follows.
 INITIAL_ACTOR_RATE = 1e-4
-"""Where the actor's learning rate begins: the size at which the first updates have the target
-divergence (measured); it then follows."""
-
-LOWEST_ACTOR_RATE = 1e-7
-"""Below it the actor stands still, and doubling takes many updates to bring it back."""
-
-ADAM_EPSILON = 1e-5
-"""stable-baselines3's default for PPO."""
+LOWEST_ACTOR_RATE = 1e-7  # below it the actor stands still, and takes many updates to come back
+HANDED_ON = (  # to stable-baselines3's PPO as they are
+    *("learning_rate", "batch_size", "n_epochs", "gamma", "gae_lambda", "clip_range"),
+    *("ent_coef", "vf_coef", "max_grad_norm"),
+)
+ADAM_EPSILON = 1e-5  # stable-baselines3's default for PPO
 
 
 @dataclass(frozen=True, slots=True)
 class PPOConfig:
-    """The RL backbone (Table II unless the attribute says otherwise).
+    """The RL backbone (Table II unless the attribute says otherwise)."""
 
-    Attributes:
-        n_steps: Steps per update, of all cars together.
-        batch_size: Samples per gradient step.
-        n_epochs: Passes over the steps per update.
-        gamma: Discount factor.
-        gae_lambda: GAE's lambda.
-        learning_rate: Of Adam.
-        clip_range: Of the probability ratio.
-        ent_coef: Entropy coefficient c_2.
-        vf_coef: Value loss coefficient c_1.
-        max_grad_norm: G_max.
-        initial_log_std: Logarithm of the initial standard deviation of the exploration noise,
-            normalised units, steering and speed. Not in the paper: small, so that exploring does
-            not undo what was cloned; white noise of 0.05 is 0.025 rad of steering in every step.
-        target_kl: Divergence of an update that the actor's learning rate is steered to (not in
-            the paper, see above); None keeps the rate at `learning_rate`.
-        perception_gradient: Let PPO's gradients into the shared features (the paper does not say);
-            otherwise only behaviour cloning trains them.
-        renew: Take values and probability ratios from the policy as it is when the update begins
-            (not in the paper); False from the one that acted, which behaviour cloning has moved
-            on since.
-    """
-
-    n_steps: int = 2048
-    batch_size: int = 64
-    n_epochs: int = 10
-    gamma: float = 0.99
-    gae_lambda: float = 0.95
-    learning_rate: float = 3e-4
-    clip_range: float = 0.2
-    ent_coef: float = 0.01
-    vf_coef: float = 0.5
-    max_grad_norm: float = 0.5
+    n_steps: int = 2048  # steps per update, of all cars together
+    batch_size: int = 64  # samples per gradient step
+    n_epochs: int = 10  # passes over the steps per update
+    gamma: float = 0.99  # discount factor
+    gae_lambda: float = 0.95  # GAE's lambda
+    learning_rate: float = 3e-4  # of Adam
+    clip_range: float = 0.2  # of the probability ratio
+    ent_coef: float = 0.01  # entropy coefficient c_2
+    vf_coef: float = 0.5  # value loss coefficient c_1
+    max_grad_norm: float = 0.5  # G_max
+    # Logarithm of the initial standard deviation of the exploration noise, normalised units,
+    # steering and speed. Not in the paper: small, so that exploring does not undo what was cloned;
+    # white noise of 0.05 is 0.025 rad of steering in every step.
     initial_log_std: tuple[float, float] = (-3.0, -2.5)
+    # Divergence of an update that the actor's learning rate is steered to (not in the paper, see
+    # above); None keeps the rate at `learning_rate`.
     target_kl: float | None = 0.02
+    # Let PPO's gradients into the shared features (the paper does not say); otherwise only
+    # behaviour cloning trains them.
     perception_gradient: bool = False
+    # Take values and probability ratios from the policy as it is when the update begins (not in the
+    # paper); False from the one that acted, which behaviour cloning has moved on since.
     renew: bool = True
 
     def __post_init__(self) -> None:
@@ -102,15 +85,8 @@ class PPOConfig:
 class ActorCriticAdam(torch.optim.Adam):
     """Adam whose first group, the actor, has a learning rate of its own.
 
-    stable-baselines3 sets one rate for all groups before every update.
-
-    Args:
-        actor: Parameters of the actor, the perception's included.
-        critic: Parameters of the critic.
-        config: The critic's learning rate, which is the actor's largest one, and the target.
-
-    Attributes:
-        actor_rate: Present learning rate of the actor.
+    stable-baselines3 sets one rate for all groups before every update. The critic's rate is the
+    actor's largest; `actor_rate` is its present one.
     """
 
     def __init__(
@@ -124,8 +100,7 @@ class ActorCriticAdam(torch.optim.Adam):
     def step(self, closure: Callable[[], float] | None = None) -> float | None:  # type: ignore[override]
         """A step with the actor's present rate."""
         self.param_groups[0]["lr"] = self.actor_rate
-        loss: float | None = super().step(closure)
-        return loss
+        return super().step(closure)
 
     def follow(self, measured: float) -> None:
         """Double or halve the actor's rate after an update whose divergence missed the target."""
@@ -154,21 +129,18 @@ class DrivingPPO(PPO):
         if steps == self.n_steps:
             return
         self.n_steps = steps
-        self.rollout_buffer = HybridRolloutBuffer(
-            steps,
-            self.observation_space,
-            self.action_space,
-            device=self.device,
-            n_envs=self.n_envs,
-            gamma=self.gamma,
-            gae_lambda=self.gae_lambda,
-            **self.rollout_buffer_kwargs,
-        )
+        spaces = self.observation_space, self.action_space
+        rates = {"gamma": self.gamma, "gae_lambda": self.gae_lambda}
+        arguments = {"device": self.device, "n_envs": self.n_envs} | rates
+        arguments |= self.rollout_buffer_kwargs
+        self.rollout_buffer = HybridRolloutBuffer(steps, *spaces, **arguments)
 
     def train(self) -> None:
         """Update actor and critic from the rollout; then let the actor's rate follow."""
         policy, buffer = self.policy, self.rollout_buffer
-        seen = self._some_observations()
+        steps = buffer.buffer_size * self.n_envs
+        rows = np.linspace(0, steps - 1, min(SAMPLES, steps)).astype(int)
+        seen = {key: torch.from_numpy(values[rows]) for key, values in buffer.seen().items()}
         before = _gaussian(policy, seen)
         if not policy.perception_gradient:
             # No epoch needs the images again.
@@ -181,20 +153,9 @@ class DrivingPPO(PPO):
         self.logger.record("train/actor_rate", self.optimizer.actor_rate)
         self.optimizer.follow(measured)
 
-    def _some_observations(self) -> dict[str, Tensor]:
-        steps = self.rollout_buffer.buffer_size * self.n_envs
-        rows = np.linspace(0, steps - 1, min(SAMPLES, steps)).astype(int)
-        seen = self.rollout_buffer.seen()
-        return {k: torch.from_numpy(values[rows]) for k, values in seen.items()}
-
 
 def divergence(before: tuple[Tensor, Tensor], after: tuple[Tensor, Tensor]) -> float:
-    """Mean Kullback-Leibler divergence of diagonal Gaussians, KL(before || after).
-
-    Args:
-        before: Means (N, 2) and standard deviations (2,).
-        after: The same.
-    """
+    """Mean KL(before || after) of diagonal Gaussians: means (N, 2), standard deviations (2,)."""
     (old, old_std), (new, new_std) = before, after
     ratio = (old_std.square() + (old - new).square()) / (2.0 * new_std.square())
     return float((torch.log(new_std / old_std) + ratio - 0.5).sum(dim=1).mean())
@@ -208,14 +169,9 @@ def build_ppo(
     weights: np.random.Generator,
     order: np.random.Generator,
 ) -> DrivingPPO:
-    """PPO around our policy and rollout buffer.
+    """PPO around our policy and rollout buffer; the cars share `n_steps` evenly.
 
-    Args:
-        env: The cars, which share `n_steps` of the configuration evenly.
-        config: Of the update.
-        perception: Of the policy.
-        weights: Source of the first weights and of the exploration noise.
-        order: Source of the order of minibatches.
+    `weights` draws the first weights and the exploration noise, `order` that of minibatches.
     """
     # The networks draw their first weights from torch's global generator: lend it a seed of ours.
     with torch.random.fork_rng():
@@ -223,24 +179,15 @@ def build_ppo(
         ppo = DrivingPPO(
             DrivingPolicy,
             env,
-            learning_rate=config.learning_rate,
             n_steps=config.n_steps // env.num_envs,
-            batch_size=config.batch_size,
-            n_epochs=config.n_epochs,
-            gamma=config.gamma,
-            gae_lambda=config.gae_lambda,
-            clip_range=config.clip_range,
-            ent_coef=config.ent_coef,
-            vf_coef=config.vf_coef,
-            max_grad_norm=config.max_grad_norm,
+            **{name: getattr(config, name) for name in HANDED_ON},
             rollout_buffer_class=HybridRolloutBuffer,
             rollout_buffer_kwargs={"rng": order},
             policy_kwargs=policy_arguments(perception),
             device="cpu",
         )
     _prepare(ppo.policy, config)
-    ppo.policy.generator = torch.Generator()
-    ppo.policy.generator.manual_seed(int(weights.integers(2**63)))
+    ppo.policy.generator = torch.Generator().manual_seed(int(weights.integers(2**63)))
     return ppo
 
 

@@ -1,7 +1,5 @@
 """stable-baselines3's rollout buffer with the mixed reward."""
 
-from __future__ import annotations
-
 from collections.abc import Generator, Sequence
 from typing import Any
 
@@ -11,12 +9,15 @@ from numpy.typing import NDArray
 from stable_baselines3.common.buffers import DictRolloutBuffer
 from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 
-from irl_dal.learning.collection.step_record import EpisodeEnd, StepRecord
+from irl_dal.learning.collection.recorder import EpisodeEnd, StepRecord
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
 
 __all__ = ["HybridRolloutBuffer", "flat"]
 
 Array = NDArray[np.float32]
+
+# Fields of a minibatch after the observations, in stable-baselines3's order.
+FLATTENED = ("actions", "values", "log_probs", "advantages", "returns")
 
 
 class HybridRolloutBuffer(DictRolloutBuffer):
@@ -31,9 +32,7 @@ class HybridRolloutBuffer(DictRolloutBuffer):
     optimization" (2022); advantages of actions that have become less likely are weighted down by
     the ratio, cut at 1.
 
-    Args:
-        rng: Source of the order of minibatches.
-        **arguments: Of `DictRolloutBuffer`.
+    `rng` draws the order of minibatches; the other arguments are `DictRolloutBuffer`'s.
     """
 
     def __init__(self, *args: Any, rng: np.random.Generator, **arguments: Any) -> None:
@@ -44,11 +43,9 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         """Forget the rollout."""
         super().reset()
         shape = (self.buffer_size, self.n_envs)
-        self.env_rewards = np.zeros(shape, np.float32)
-        self.imitation_rewards = np.zeros(shape, np.float32)
+        self.env_rewards, self.imitation_rewards = np.zeros((2, *shape), np.float32)
         self.executed_actions = np.zeros((*shape, 2), np.float32)
-        self.ends = np.zeros(shape, np.int8)
-        self.modes = np.zeros(shape, np.int8)
+        self.ends, self.modes = np.zeros((2, *shape), np.int8)
 
     def note(self, records: Sequence[StepRecord]) -> None:
         """Keep what is known of a step of every car, before stable-baselines3 adds the step."""
@@ -103,20 +100,15 @@ class HybridRolloutBuffer(DictRolloutBuffer):
         order = self.rng.permutation(self.buffer_size * self.n_envs)
         if not self.generator_ready:
             self.observations = {k: self.swap_and_flatten(v) for k, v in self.observations.items()}
-            for name in ("actions", "values", "log_probs", "advantages", "returns"):
+            for name in FLATTENED:
                 setattr(self, name, self.swap_and_flatten(getattr(self, name)))
             self.generator_ready = True
         size = batch_size or len(order)
         for start in range(0, len(order), size):
             rows = order[start : start + size]
-            yield DictRolloutBufferSamples(
-                observations={k: self.to_torch(v[rows]) for k, v in self.observations.items()},
-                actions=self.to_torch(self.actions[rows]),
-                old_values=self.to_torch(self.values[rows].flatten()),
-                old_log_prob=self.to_torch(self.log_probs[rows].flatten()),
-                advantages=self.to_torch(self.advantages[rows].flatten()),
-                returns=self.to_torch(self.returns[rows].flatten()),
-            )
+            seen = {k: self.to_torch(v[rows]) for k, v in self.observations.items()}
+            actions, *others = (self.to_torch(getattr(self, name)[rows]) for name in FLATTENED)
+            yield DictRolloutBufferSamples(seen, actions, *(part.flatten() for part in others))
 
 
 def flat(values: NDArray[Any]) -> NDArray[Any]:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from expert.modes import Mode
 from expert.replay import ReplayBuffer, Transition
-from irl_dal.learning.collection.step_record import Counts, EpisodeEnd, StepRecord
+from irl_dal.learning.collection.recorder import Counts, EpisodeEnd, StepRecord
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward, HybridRewardConfig
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, build_policy
 from irl_dal.perception import PerceptionConfig

@@ -16,7 +16,7 @@ import pytest
 import torch
 
 from irl_dal.learning import LearningConfig, Pipeline
-from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.collection.recorder import EpisodeEnd
 from irl_dal.learning.reinforcement.ppo import PPOConfig
 from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
@@ -106,7 +106,7 @@ def test_a_run_does_all_of_algorithm_1(finished: Pipeline) -> None:
     ):
         assert np.isfinite(float(last_values[key])), key
     assert int(last_values["count/command_violations"]) == 0
-    observer = finished.log._observers[0]
+    observer = finished.log.observers[0]
     assert isinstance(observer, StopAt)
     assert observer.phases == [("imitation", 0, 120), ("mixed", 120, 200)]
     assert observer.rows == [int(row["step"]) for row in rows]
@@ -221,13 +221,14 @@ def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
     learners = pipeline.learners
     calls: dict[str, list[int]] = {}
     for name in ("clone", "train_planner", "train_discriminator", "sync_features"):
-        real = getattr(learners, name)
+        owner = learners.discriminator if name == "sync_features" else learners
+        real = getattr(owner, name)
 
-        def spy(*steps: int, name: str = name, real: object = real) -> None:
+        def spy(*arguments: object, name: str = name, real: object = real) -> None:
             calls.setdefault(name, []).append(pipeline.step)
-            real(*steps)  # type: ignore[operator]
+            real(*arguments)  # type: ignore[operator]
 
-        setattr(learners, name, spy)
+        setattr(owner, name, spy)
     pipeline.run()
     assert calls["clone"] == [60, 120, 160, 200]
     assert calls["train_planner"] == [40, 80, 120, 160]

@@ -9,13 +9,12 @@ from pathlib import Path
 
 import pytest
 
-from irl_dal.storage.checkpoint import CheckpointError
-from irl_dal.storage.lock import run_lock
+from irl_dal.storage.checkpoint import CheckpointError, run_lock
 
 HOLDER = """
 import sys, time
 from pathlib import Path
-from irl_dal.storage.lock import run_lock
+from irl_dal.storage.checkpoint import run_lock
 with run_lock(Path(sys.argv[1])):
     print("held", flush=True)
     time.sleep(60)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from irl_dal.learning.collection.driver import Driver
-from irl_dal.learning.collection.step_record import EpisodeEnd, StepRecord
+from irl_dal.learning.collection.recorder import EpisodeEnd, StepRecord
 from tests.irl_dal.learning.city import SHORT, new_driver, new_loop
 
 CALM = replace(SHORT, disturbance_rate=0.0)

@@ -7,23 +7,21 @@ import pytest
 
 from expert import Mode
 from expert.replay import ReplayBuffer
-from irl_dal.learning.collection.recorder import Recorder
-from irl_dal.learning.collection.step_record import Counts
-from irl_dal.learning.collection.vec_driver import VecDriver
-from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
+from irl_dal.learning.collection.driver import demonstrations
+from irl_dal.learning.collection.recorder import Counts, Recorder
 from shield import ActuatorLimits
 from tests.irl_dal.learning.city import new_driver, new_drivers
 
 
 def new_recorder(form: str = "label") -> Recorder:
     """Of two cars."""
-    return Recorder(ReplayBuffer(500), ExperienceCorrection(form), 2)  # type: ignore[arg-type]
+    return Recorder(ReplayBuffer(500), 2, keep_intervened=form != "off")
 
 
 def test_the_expert_in_the_buffer_is_the_one_that_the_planner_can_imitate() -> None:
     """Chunks are stretches of one car's executed commands, within the shield's bounds."""
     recorder = new_recorder()
-    for driven in VecDriver(new_drivers()).demonstrations(80):
+    for driven in demonstrations(new_drivers(), 80):
         recorder.take(driven)
     replay = recorder._replay
     assert replay.count(source="chunk") > 10
@@ -43,7 +41,7 @@ def test_counts_and_running_means() -> None:
     """Steps, episodes and returns are those of the cars; what comes next is remembered."""
     recorder = new_recorder()
     assert np.isnan(recorder.recent).all()
-    driven = list(VecDriver(new_drivers()).demonstrations(124))
+    driven = list(demonstrations(new_drivers(), 124))
     for step in driven:
         recorder.take(step)
     counts = recorder.counts

@@ -6,31 +6,19 @@ import numpy as np
 import pytest
 import torch
 
-from irl_dal.learning.imitation.experience_correction import ExperienceCorrection
+from irl_dal.learning.imitation.experience_correction import correct_as_printed
 from irl_dal.learning.reinforcement.policy import mean_action
 from tests.irl_dal.learning.samples import label, new_policy, observation, record
 
 
-@pytest.mark.parametrize(("form", "kept"), [("label", True), ("paper", True), ("off", False)])
-def test_each_form_keeps_as_documented(form: str, kept: bool) -> None:
-    """The table in the module, for intervened steps; others are always kept as they are."""
-    correction = ExperienceCorrection(form)  # type: ignore[arg-type]
-    assert correction.keeps(intervened=True) is kept
-    assert correction.keeps(intervened=False)
-
-
-@pytest.mark.parametrize("form", ["label", "paper", "off"])
-def test_the_printed_form_alone_replaces_the_sample(form: str) -> None:
+def test_the_printed_form_replaces_the_sample() -> None:
     """Of intervened steps only; the log-density of a diagonal Gaussian, recomputed."""
     policy, rng = new_policy(), np.random.default_rng(0)
     seen = [observation(rng) for _ in range(2)]
     records = [record(seen[0]), record(seen[1], intervened=True)]
     actions, log_probs = np.full((2, 2), 0.5, np.float32), torch.full((2,), -1.0)
-    ExperienceCorrection(form).correct(policy, records, actions, log_probs)  # type: ignore[arg-type]
+    correct_as_printed(policy, records, actions, log_probs)
     assert np.array_equal(actions[0], [0.5, 0.5]) and log_probs[0] == -1.0
-    if form != "paper":
-        assert np.array_equal(actions[1], [0.5, 0.5]) and log_probs[1] == -1.0
-        return
     tensors, _ = policy.obs_to_tensor(dict(seen[1]))
     with torch.no_grad():
         mean = mean_action(policy, tensors)[0].numpy()  # type: ignore[arg-type]

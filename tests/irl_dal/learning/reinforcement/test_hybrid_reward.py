@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.collection.recorder import EpisodeEnd
 from irl_dal.learning.reinforcement.hybrid_reward import R_MAX, HybridRewardConfig
 from tests.irl_dal.learning.samples import GAMMA, hybrid
 

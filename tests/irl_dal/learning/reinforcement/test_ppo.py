@@ -184,7 +184,7 @@ def test_perceiving_a_rollout_once_changes_nothing_but_the_time(
     assert set(once.rollout_buffer.observations) == {PERCEIVED}
     # As with gradients into the perception, which then must not flow.
     again.policy.perception_gradient = True
-    monkeypatch.setattr(again.policy, "_features", lambda seen: features(again.policy, seen))
+    monkeypatch.setattr(again.policy, "features", lambda seen: features(again.policy, seen))
     again.train()
     assert "image" in again.rollout_buffer.observations
     for name, value in again.policy.state_dict().items():

@@ -10,7 +10,7 @@ import torch
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from irl_dal.learning.collection.step_record import EpisodeEnd
+from irl_dal.learning.collection.recorder import EpisodeEnd
 from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from tests.irl_dal.learning.samples import (
     ACTION_SPACE,

@@ -7,8 +7,8 @@ import time
 import numpy as np
 import pytest
 
-from irl_dal.learning.collection import vec_driver
-from irl_dal.learning.collection.vec_driver import VecDriver
+from irl_dal.learning.collection import driver
+from irl_dal.learning.collection.driver import demonstrations
 from tests.irl_dal.learning.city import new_drivers
 
 
@@ -16,13 +16,10 @@ def test_cars_in_processes_drive_the_same_steps_in_the_same_order(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Many small blocks, an odd number of steps, an end of episodes in between."""
-    monkeypatch.setattr(vec_driver, "BLOCK", 20)
+    monkeypatch.setattr(driver, "BLOCK", 20)
     near, far = new_drivers(), new_drivers(processes=True)
     try:
-        ours, theirs = (
-            list(VecDriver(near).demonstrations(131)),
-            list(VecDriver(far).demonstrations(131)),
-        )
+        ours, theirs = list(demonstrations(near, 131)), list(demonstrations(far, 131))
     finally:
         far.close()
     assert len(ours) == len(theirs) == 132
