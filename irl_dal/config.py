@@ -9,9 +9,10 @@ key that is wrong.
 import hashlib
 import json
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from difflib import get_close_matches
+from functools import cache
 from typing import Annotated, Any
 
 import qpsolvers
@@ -114,11 +115,10 @@ def parse(composed: DictConfig | Mapping[str, Any]) -> RunConfig:
         except OmegaConfBaseException as error:
             raise ConfigError(f"{error.full_key}: {str(error).splitlines()[0]}") from None
         mapping = {key: value for key, value in resolved.items() if key in (*_PLAIN, *GROUPS)}
-    known = known_keys()
     for key, value in _leaves(mapping):
         if value == {}:
             raise ConfigError(f"{key} = {{}}: the section is empty")
-        if not is_known(key, known):
+        if not is_known(key):
             raise ConfigError(f"{key} = {value!r}: there is no such key{did_you_mean(key)}")
     try:
         return _RUN_CONFIG.validate_python(mapping)
@@ -145,15 +145,15 @@ def register() -> None:
         store.store(group=group, name="base", node=defaults[group])
 
 
-def known_keys() -> list[str]:
+@cache
+def known_keys() -> tuple[str, ...]:
     """Every key of a run's configuration, dotted."""
-    return [key for key, _ in _leaves(to_mapping(RunConfig()))]
+    return tuple(key for key, _ in _leaves(to_mapping(RunConfig())))
 
 
-def is_known(key: str, known: Collection[str] | None = None) -> bool:
+def is_known(key: str) -> bool:
     """Whether a dotted key is one of a run's configuration, or a section of it."""
-    keys = known_keys() if known is None else known
-    return key in keys or any(other.startswith(f"{key}.") for other in keys)
+    return any(f"{known}.".startswith(f"{key}.") for known in known_keys())
 
 
 def did_you_mean(key: str) -> str:

@@ -3,8 +3,8 @@
 from irl_dal.learning.collection.driver import Driver, DriverProcesses
 from irl_dal.learning.config import LearningConfig
 from irl_dal.learning.pipeline import Pipeline
-from irl_dal.learning.progress import ProgressBar
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, build_policy
+from irl_dal.learning.run_log import ProgressBar
 
 __all__ = [
     "Driver",

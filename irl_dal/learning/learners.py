@@ -1,6 +1,6 @@
 """Everything that learns, one method for each update of Algorithm 1."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 
 import numpy as np
 import torch
@@ -87,7 +87,7 @@ class Learners:
             batch = self.replay.sample(self.rng, size, balanced=balanced, source="expert")
             expert = observation_tensors(batch), torch.from_numpy(batch.commands)
             report = self.discriminator.update(expert, self._agent_pairs(buffer))
-        for name, value in asdict(report).items():
+        for name, value in report.items():
             self.ppo.logger.record(f"discriminator/{name}", value)
 
     def finish_rollout(self, last_values: Tensor) -> None:

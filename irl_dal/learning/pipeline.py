@@ -35,12 +35,11 @@ from irl_dal.learning.imitation.behaviour_cloning import BehaviourCloning
 from irl_dal.learning.imitation.diffusion_training import DiffusionTraining
 from irl_dal.learning.imitation.experience_correction import correct_as_printed
 from irl_dal.learning.learners import Learners
-from irl_dal.learning.progress import Observer
 from irl_dal.learning.reinforcement.critic import warm_start_critic
 from irl_dal.learning.reinforcement.discriminator import Discriminator
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 from irl_dal.learning.reinforcement.ppo import build_ppo
-from irl_dal.learning.run_log import RunLog
+from irl_dal.learning.run_log import Observer, RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
@@ -58,11 +57,8 @@ class Pipeline:
         config: Schedule and sizes.
         cars: A vector of `Driver`.
         planner: Is trained, and its weights handed on to the cars' own planners; None without one.
-        perception: Of the policy.
-        run_dir: Where metrics and checkpoints go.
         seed: Everything random in learning is drawn from streams of this seed. The planner has a
             generator of its own, which is saved and restored too.
-        observers: Receive what happens.
         provenance: Commit, config hash, ...: kept in each checkpoint; a checkpoint with another
             `config_hash` is refused.
     """
@@ -133,10 +129,10 @@ class Pipeline:
         finally:
             self.log.close()
 
-    def save(self, *, final: bool = False) -> Path:
+    def save(self, *, final: bool = False) -> None:
         """Write a checkpoint (see `CheckpointStore.save`)."""
         with self.log.timed("checkpoint"):
-            folder = self._store.save(
+            self._store.save(
                 self._state(final),
                 step=self.step,
                 provenance=self._provenance,
@@ -144,7 +140,6 @@ class Pipeline:
                 final=final,
             )
             self._exported = self.replay.counter
-        return folder
 
     def restore(self) -> None:
         """Go on from the newest checkpoint in the run folder; every car begins a new episode.
@@ -213,7 +208,17 @@ class Pipeline:
         for observer in self.log.observers:
             observer.begin("mixed", self.step, config.total_steps)
         if not self._critic_ready:
-            self._warm_start()
+            with self.log.timed("critic"):
+                explained = warm_start_critic(
+                    self.policy,
+                    self.replay,
+                    gamma=config.ppo.gamma,
+                    scale=self.learners.reward.scale * config.reward.w_env,
+                    steps=config.critic_steps,
+                    rng=self._rng["critic"],
+                )
+            self._critic_ready = True
+            ppo.logger.record("critic/explained_variance", explained)
             self.save()
         self._hand_on_planner()
         while self.step < config.total_steps:
@@ -286,19 +291,6 @@ class Pipeline:
         """Whether the newest steps, one in phase 1 and one of each car in phase 2, complete one."""
         newest = 1 if self.step <= self.config.imitation_steps else self.config.n_envs
         return self.step % interval < newest
-
-    def _warm_start(self) -> None:
-        with self.log.timed("critic"):
-            explained = warm_start_critic(
-                self.policy,
-                self.replay,
-                gamma=self.config.ppo.gamma,
-                scale=self.learners.reward.scale * self.config.reward.w_env,
-                steps=self.config.critic_steps,
-                rng=self._rng["critic"],
-            )
-        self._critic_ready = True
-        self.learners.ppo.logger.record("critic/explained_variance", explained)
 
     def _log_if_due(self, phase: int) -> None:
         # The last row of a run is written by `_finish`.

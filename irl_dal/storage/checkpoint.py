@@ -96,7 +96,12 @@ class CheckpointStore:
         if final:
             self._shards = 0
         elif shard is not None and len(next(iter(shard.values()))):
-            self._append(shard)
+            self._replay.mkdir(parents=True, exist_ok=True)
+            path = self._shard(self._shards + 1)
+            partial = path.with_name(f".{path.name}.part")
+            partial.write_bytes(save_arrays(dict(shard)))
+            partial.replace(path)
+            self._shards += 1
         document = {
             "format": FORMAT_VERSION,
             "step": step,
@@ -158,14 +163,6 @@ class CheckpointStore:
     def shards(self, checkpoint: Checkpoint) -> Iterator[Arrays]:
         """The replay shards of a checkpoint, oldest first, one in memory at a time."""
         return (_read(self._shard(i + 1), load_arrays) for i in range(checkpoint.shards))
-
-    def _append(self, shard: Mapping[str, NDArray[Any]]) -> None:
-        self._replay.mkdir(parents=True, exist_ok=True)
-        path = self._shard(self._shards + 1)
-        hidden = path.with_name(f".{path.name}.part")
-        hidden.write_bytes(save_arrays(dict(shard)))
-        hidden.replace(path)
-        self._shards += 1
 
     def _shard(self, number: int) -> Path:
         return self._replay / f"{number:06d}.safetensors"

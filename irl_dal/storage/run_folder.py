@@ -153,18 +153,13 @@ def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
 def _commit() -> str:
     """Commit of the clone that this file belongs to, `-dirty` if changed; "unknown" elsewhere."""
     here = Path(__file__).resolve()
-    if _git(here.parent, "ls-files", "--error-unmatch", here.name) is None:
-        return "unknown"
+    tracked = ("ls-files", "--error-unmatch", here.name)
     described = ("describe", "--always", "--dirty", "--abbrev=40", "--exclude=*")
-    return _git(here.parent, *described) or "unknown"
-
-
-def _git(folder: Path, *arguments: str) -> str | None:
-    """Output of a git command, None where it fails or there is no git."""
+    said = b""
     try:
-        done = subprocess.run(
-            ["git", *arguments], cwd=folder, capture_output=True, text=True, check=True, timeout=10
-        )
-    except (OSError, subprocess.SubprocessError):
-        return None
-    return done.stdout.strip()
+        for arguments in (tracked, described):
+            command = ["git", "-C", str(here.parent), *arguments]
+            said = subprocess.check_output(command, stderr=subprocess.DEVNULL, timeout=10)
+    except (OSError, subprocess.SubprocessError):  # no git, or no clone of ours
+        return "unknown"
+    return said.decode().strip() or "unknown"

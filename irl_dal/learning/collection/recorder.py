@@ -1,13 +1,11 @@
 """What learning reads of the cars' steps: one step's record, and what is stored and counted."""
 
 from collections import deque
-from collections.abc import Mapping
 from dataclasses import asdict, dataclass, fields
 from enum import IntEnum
 from typing import Any, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
 from expert.replay import ReplayBuffer, Transition
 
@@ -57,12 +55,6 @@ class StepRecord:
     end: EpisodeEnd
     counts: Counts  # what the step adds to the run's counts
     episode_return: float  # undiscounted environment reward of the episode so far
-
-    @property
-    def seen(self) -> Mapping[str, NDArray[Any]]:
-        """The observation acted upon."""
-        known = self.transition
-        return {"image": known.image, "lidar": known.lidar, "speed": known.speed}
 
 
 class Recorder:

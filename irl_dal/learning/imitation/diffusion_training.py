@@ -82,7 +82,7 @@ class DiffusionTraining:
             steps: How many.
             balanced: Evenly over the modes of the chunks' first steps.
         """
-        average = _clone(self._network)
+        average = copy.deepcopy(self._network.state_dict())
         self._network.load_state_dict(self._trained)
         self._network.train()
         losses = []
@@ -97,7 +97,7 @@ class DiffusionTraining:
             self._follow(average)
             losses.append(loss.item())
         self._optimizer.zero_grad()
-        self._trained = _clone(self._network)
+        self._trained = copy.deepcopy(self._network.state_dict())
         self._network.load_state_dict(average)
         self._network.eval()
         return float(np.mean(losses)) if losses else float("nan")
@@ -139,7 +139,3 @@ class DiffusionTraining:
         decay = min(AVERAGE_DECAY, self._updates / (self._updates + 10.0))
         for name, value in self._network.state_dict().items():
             average[name].lerp_(value, 1.0 - decay)
-
-
-def _clone(network: nn.Module) -> dict[str, Tensor]:
-    return {name: value.detach().clone() for name, value in network.state_dict().items()}

@@ -43,8 +43,10 @@ def correct_as_printed(
         log_probs: Their log-probabilities (E,); changed in place.
     """
     for car, record in enumerate(records):
-        if record.transition.intervened:
-            seen, _ = policy.obs_to_tensor(dict(record.seen))
-            actions[car] = record.transition.label
+        driven = record.transition
+        if driven.intervened:
+            known = {"image": driven.image, "lidar": driven.lidar, "speed": driven.speed}
+            seen, _ = policy.obs_to_tensor(known)
+            actions[car] = driven.label
             label = torch.from_numpy(actions[car : car + 1])
             log_probs[car] = policy.get_distribution(seen).log_prob(label)[0]

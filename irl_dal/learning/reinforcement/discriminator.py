@@ -23,7 +23,7 @@ from torch.nn.functional import softplus
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 from shield.arguments import check_positive, check_within
 
-__all__ = ["Discriminator", "DiscriminatorConfig", "DiscriminatorReport", "discriminator_loss"]
+__all__ = ["Discriminator", "DiscriminatorConfig", "discriminator_loss"]
 
 KEPT_OUT = 5  # one pair in so many is kept out of an update, to report an honest accuracy
 HIDDEN = 128  # units in each of the two hidden layers (not in the paper): a quarter of the features
@@ -51,16 +51,6 @@ class DiscriminatorConfig:
     def __post_init__(self) -> None:
         check_within(ValueError, 1, math.inf, steps=self.steps, samples=self.samples)
         check_positive(ValueError, learning_rate=self.learning_rate)
-
-
-@dataclass(frozen=True, slots=True)
-class DiscriminatorReport:
-    """One update; all but the loss are of pairs that were kept out of it."""
-
-    loss: float  # mean binary cross-entropy, both sides added
-    accuracy: float  # share of pairs of both sides that are told apart; 0.5 is a coin
-    expert_logit: float  # mean of the expert's pairs
-    agent_logit: float  # mean of the agent's pairs
 
 
 class Discriminator:
@@ -117,8 +107,12 @@ class Discriminator:
         """`expert_logit` of observations, without gradients."""
         return self.expert_logit(self.features(observation), actions)
 
-    def update(self, expert: Seen, agent: Seen) -> DiscriminatorReport:
-        """Train on pairs of observations and executed actions of both sides."""
+    def update(self, expert: Seen, agent: Seen) -> dict[str, float]:
+        """Train on both sides; gives what the log says of it, of pairs that were kept out.
+
+        `loss` is the mean binary cross-entropy in training, both sides added; `accuracy` the share
+        of pairs that are told apart (0.5 is a coin); the logits are means.
+        """
         ours, ours_kept = self._split(*agent)
         theirs, theirs_kept = self._split(*expert)
         losses = []
@@ -136,12 +130,12 @@ class Discriminator:
             expert_logit = self.expert_logit(*theirs_kept)
             agent_logit = self.expert_logit(*ours_kept)
         right = ((expert_logit > 0).float().mean() + (agent_logit <= 0).float().mean()) / 2
-        return DiscriminatorReport(
-            loss=sum(losses) / len(losses),
-            accuracy=right.item(),
-            expert_logit=expert_logit.mean().item(),
-            agent_logit=agent_logit.mean().item(),
-        )
+        return {
+            "loss": sum(losses) / len(losses),
+            "accuracy": right.item(),
+            "expert_logit": expert_logit.mean().item(),
+            "agent_logit": agent_logit.mean().item(),
+        }
 
     def state_dict(self) -> dict[str, Any]:
         """Head, encoder, optimiser, random state and count of updates."""

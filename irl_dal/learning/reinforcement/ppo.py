@@ -126,14 +126,8 @@ class DrivingPPO(PPO):
 
     def resize(self, steps: int) -> None:
         """Let the next update have so many steps of each car: the last one may have fewer."""
-        if steps == self.n_steps:
-            return
-        self.n_steps = steps
-        spaces = self.observation_space, self.action_space
-        rates = {"gamma": self.gamma, "gae_lambda": self.gae_lambda}
-        arguments = {"device": self.device, "n_envs": self.n_envs} | rates
-        arguments |= self.rollout_buffer_kwargs
-        self.rollout_buffer = HybridRolloutBuffer(steps, *spaces, **arguments)
+        self.n_steps = self.rollout_buffer.buffer_size = steps
+        self.rollout_buffer.reset()
 
     def train(self) -> None:
         """Update actor and critic from the rollout; then let the actor's rate follow."""

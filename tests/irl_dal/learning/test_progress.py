@@ -6,7 +6,7 @@ from io import StringIO
 
 from rich.console import Console
 
-from irl_dal.learning.progress import ProgressBar
+from irl_dal.learning.run_log import ProgressBar
 
 
 def shown(terminal: bool) -> str:

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 import irl_dal
-from irl_dal.storage import fingerprint as module
-from irl_dal.storage.fingerprint import code_fingerprint, fingerprint
+from irl_dal.storage import result_store as module
+from irl_dal.storage.result_store import code_fingerprint, fingerprint
 
 
 def test_it_changes_with_texts_and_files(tmp_path: Path) -> None:

@@ -43,18 +43,20 @@ def test_expert_pairs_get_positive_logits() -> None:
     expert, agent = both_sides(wrong=1.0)
     discriminator = new_discriminator()
     report = discriminator.update(expert, agent)
-    assert report.accuracy > 0.9
-    assert report.expert_logit > 1.0
-    assert report.agent_logit < -1.0
+    assert report["accuracy"] > 0.9
+    assert report["expert_logit"] > 1.0
+    assert report["agent_logit"] < -1.0
     kept = {key: values[::5] for key, values in expert[0].items()}, expert[1][::5]
-    assert discriminator.judge(*kept).mean().item() == pytest.approx(report.expert_logit, abs=1e-4)
+    assert discriminator.judge(*kept).mean().item() == pytest.approx(
+        report["expert_logit"], abs=1e-4
+    )
     assert discriminator.updates == 1
 
 
 def test_an_agent_that_drives_as_the_expert_cannot_be_told_apart() -> None:
     """The same kind of pairs on both sides: on those kept out, accuracy is that of a coin."""
     report = new_discriminator().update(*both_sides(wrong=0.0))
-    assert 0.35 < report.accuracy < 0.65
+    assert 0.35 < report["accuracy"] < 0.65
 
 
 def test_the_loss_is_the_papers_equation() -> None:
