@@ -1,16 +1,6 @@
 """Algorithm 1, from the first step of the expert to the trained agent.
 
-| line of Algorithm 1 | here |
-|---|---|
-| Observe o_t, a_t^* = FSM(o_t), execute, store | `demonstrations`, `Recorder.take` |
-| Update pi_theta via BC | `Learners.clone` |
-| TrainDiffusion | `Learners.train_planner` |
-| Sample a_t^PPO, trigger, plan, blend, execute | stable-baselines3's `collect_rollouts` |
-| r_irl, r_t | `HybridReward`, `HybridRolloutBuffer.finish` |
-| Store (o_t, a_t^final, a_t^*, r_t) | `Recorder.take` |
-| TrainDiscriminator, SyncFeatures | `Learners.train_discriminator`, `Discriminator.sync_features` |
-| should_run_bc_training, TrainBC | every `bc_interval_mixed` steps, and after the last PPO update |
-| Update pi_theta, V_phi via PPO | stable-baselines3's `PPO.train` |
+Which line of Algorithm 1 is where: see docs/paper.md.
 
 Several cars drive beside each other, and t counts the steps of all of them. "t mod T = 0" is read
 as "after every T-th step", in phase 2 as soon as every car has driven its step. The last PPO update

@@ -77,27 +77,22 @@ def create_run(path: Path, config: RunConfig) -> RunFolder:
             raise ConfigError(f"{where}: exists already; resume= goes on with it")
         path.parent.mkdir(parents=True, exist_ok=True)
         hidden.mkdir()
-        _write_origin(hidden, config)
+        document = yaml.safe_dump(to_mapping(config), sort_keys=False)
+        (hidden / "config.yaml").write_text(document, encoding="utf-8")
+        origin = {
+            "format": RUN_FORMAT,
+            "started": datetime.now().astimezone().isoformat(),
+            **provenance(config),
+            "machine": platform.platform(),
+            "gradient_threads": GRADIENT_THREADS,
+            "shortcuts": in_use(),
+        }
+        write_json(hidden / "run.json", origin)
         hidden.rename(path)
     except OSError as error:
         shutil.rmtree(hidden, ignore_errors=True)
         raise ConfigError(f"{where}: cannot be made ({error.strerror})") from None
     return RunFolder(path, config)
-
-
-def _write_origin(folder: Path, config: RunConfig) -> None:
-    """What the run was asked for, and where it comes from."""
-    document = yaml.safe_dump(to_mapping(config), sort_keys=False)
-    (folder / "config.yaml").write_text(document, encoding="utf-8")
-    origin = {
-        "format": RUN_FORMAT,
-        "started": datetime.now().astimezone().isoformat(),
-        **provenance(config),
-        "machine": platform.platform(),
-        "gradient_threads": GRADIENT_THREADS,
-        "shortcuts": in_use(),
-    }
-    write_json(folder / "run.json", origin)
 
 
 def open_run(key: str, path: Path) -> RunFolder:
