@@ -12,7 +12,7 @@ environment, and the correction reaches the policy through behaviour cloning.
 """
 
 from collections.abc import Sequence
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 import torch
@@ -45,7 +45,11 @@ def correct_as_printed(
     for car, record in enumerate(records):
         driven = record.transition
         if driven.intervened:
-            known = {"image": driven.image, "lidar": driven.lidar, "speed": driven.speed}
+            known: dict[str, NDArray[Any]] = {
+                "image": driven.image,
+                "lidar": driven.lidar,
+                "speed": driven.speed,
+            }
             seen, _ = policy.obs_to_tensor(known)
             actions[car] = driven.label
             label = torch.from_numpy(actions[car : car + 1])
