@@ -129,7 +129,7 @@ def test_an_interrupted_evaluation_goes_on(
 ) -> None:
     """What was driven is not driven again; other weights or settings share none of it."""
 
-    def interrupt(*_: object) -> None:
+    def interrupt(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
     out = tmp_path / "at_last.json"
