@@ -24,8 +24,6 @@ from irl_dal.figures.comparison_page import write_comparison_page
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
-__all__ = ["main"]
-
 EXTENT_KEYS = frozenset(entry.name for entry in fields(ComparisonConfig))
 """Keys of the comparison's extent."""
 

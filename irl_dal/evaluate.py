@@ -30,8 +30,6 @@ from irl_dal.evaluation.summary import evaluation_table
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
-__all__ = ["main"]
-
 OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out"})
 """Keys of this command beside the configuration's."""
 

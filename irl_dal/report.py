@@ -33,8 +33,6 @@ from irl_dal.sweep.paper_table import (
 from irl_dal.sweep.remarks import remarks
 from irl_dal.sweep.result import write_result
 
-__all__ = ["main"]
-
 
 def main() -> None:
     """Entry point of the command."""

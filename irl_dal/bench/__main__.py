@@ -39,8 +39,6 @@ from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 
-__all__ = ["main"]
-
 FIRST_SEED = 20_000
 """Seeds from here on are for reports; nothing was tuned on them."""
 

@@ -13,8 +13,6 @@ from irl_dal.envs.vehicle import WHEELBASE, Vehicle
 from irl_dal.envs.world import World
 from irl_dal.figures.table import terminal_table
 
-__all__ = ["Response", "car_tables", "speed_response", "steering_response"]
-
 DT = 0.05  # [s] between two samples
 SAMPLES = 60  # after the step: 3 s, by when everything is steady
 STEERING = ((4.0, 1.0), (8.0, 1.0), (8.0, 2.0), (8.0, 4.0), (8.0, 8.0), (12.0, 4.0), (12.0, 12.0))

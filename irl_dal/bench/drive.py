@@ -18,8 +18,6 @@ from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.workers import Workers
 from irl_dal.figures.table import terminal_table
 
-__all__ = ["Drive", "drives", "expert_drives", "outcome_table"]
-
 Array = NDArray[np.float64]
 
 

@@ -10,8 +10,6 @@ from rich.table import Table
 from irl_dal.bench.drive import Drive
 from irl_dal.figures.table import terminal_table
 
-__all__ = ["lane_numbers", "lane_table"]
-
 DAY = 0.5  # brightness from which it is day
 WRONG = 0.8  # [m] error beyond which a valid estimate is confidently wrong
 

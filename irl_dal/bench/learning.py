@@ -21,8 +21,6 @@ from irl_dal.learning.collection.driver import demonstrations
 from irl_dal.learning.learners import Learners
 from irl_dal.shortcuts import keep_freed_memory
 
-__all__ = ["COUNTS", "beside", "demonstrated", "learning_tables", "time_updates"]
-
 COUNTS = (1, 2)  # threads that are compared
 BUSY = (0, 1, 2)  # other processes beside which they are compared
 STEPS = 10  # gradient steps of one timed update

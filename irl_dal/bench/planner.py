@@ -22,8 +22,6 @@ from irl_dal.planner.projection import PlanProjection
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.run_folder import open_run
 
-__all__ = ["PARTS", "logged_contexts", "make_planner", "planner_tables", "shares", "time_plans"]
-
 SEED = 7  # of the city's episode and of the noise
 
 LIMITS_MS = {"ddpm": 60.0, "ddim": 8.0}

@@ -22,8 +22,6 @@ from irl_dal.envs.traffic import Traffic
 from irl_dal.envs.world import World
 from irl_dal.figures.table import terminal_table
 
-__all__ = ["PEERS", "compare_speed", "missing_peers", "parts_table", "speed_tables"]
-
 PEERS = {"CarRacing-v3": "box2d", "racetrack-v0": "highway-env"}
 """Environments beside ours and the package that brings each."""
 

@@ -8,8 +8,6 @@ from contextlib import ExitStack
 from typing import Any
 from unittest.mock import patch
 
-__all__ = ["time_parts"]
-
 
 def time_parts(
     parts: Mapping[str, Sequence[tuple[type, str]]], work: Callable[[], object]

@@ -8,13 +8,6 @@ from typing import Any
 from irl_dal.figures.style import MODE_COLOURS
 from irl_dal.figures.table import Cell, Column, NumberTable
 
-__all__ = [
-    "ACTIVATIONS",
-    "RIDE_COLUMNS",
-    "SAFETY_COLUMNS",
-    "comparison_tables",
-]
-
 SAFETY_COLUMNS = (
     Column("success", "success", "%", 0, 1),
     Column("collisions_per_1k_steps", "collisions / 1k steps", "", 2, -1, short="crashes /1k"),

@@ -9,8 +9,6 @@ from typing import Any
 from irl_dal.comparison.columns import ACTIVATIONS
 from irl_dal.planner import ProjectionMode
 
-__all__ = ["best_projection", "conclusions"]
-
 
 def best_projection(results: Mapping[str, Any]) -> ProjectionMode:
     """The projection to recommend, by the settings with the shield under the first activation.

@@ -11,8 +11,6 @@ from pydantic import TypeAdapter, ValidationError
 from irl_dal.config import ConfigError, first_line
 from irl_dal.planner import ProjectionMode
 
-__all__ = ["Activation", "ComparisonConfig", "parse_comparison"]
-
 Activation = Literal["trigger", "always", "alone"]
 """The planner plans on the trigger, always, or always and drives without the policy: then what is
 executed is the plan's own first command, not a blend."""

@@ -19,8 +19,6 @@ from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import compare_paths, spread_steps
 from irl_dal.storage.result_store import ResultStore
 
-__all__ = ["PATH_DURATION", "PATH_STATES", "ComparisonJob", "drive_setting", "setting_rig"]
-
 Array = NDArray[np.float64]
 
 PATH_DURATION = 5.0  # [s] of the paths behind ADE and FDE, as in an evaluation

@@ -35,8 +35,6 @@ from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key
 from irl_dal.storage.run_folder import provenance
 
-__all__ = ["compare", "result_store"]
-
 GROUPS = ("env", "expert", "limits", "shield", "planner", "perception")
 """Groups of a run's configuration that its drives depend on."""
 

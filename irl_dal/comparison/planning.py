@@ -23,17 +23,6 @@ from irl_dal.planner.projection import defect
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore
 
-__all__ = [
-    "STATES",
-    "DenoisingTrace",
-    "most_violating_state",
-    "plan_in_states",
-    "plan_log",
-    "risky_contexts",
-    "setting_planner",
-    "trace_plan",
-]
-
 Array = NDArray[np.float64]
 
 STATES = 10  # risky states per episode in which every setting plans

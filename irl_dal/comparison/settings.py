@@ -8,8 +8,6 @@ from irl_dal.comparison.config import Activation, ComparisonConfig
 from irl_dal.config import RunConfig
 from irl_dal.planner import ProjectionMode
 
-__all__ = ["Setting", "all_settings", "planning_settings"]
-
 
 @dataclass(frozen=True, slots=True)
 class Setting:

@@ -16,8 +16,6 @@ from irl_dal.evaluation.metrics import STATISTICS, Value, join_rows, latencies
 from irl_dal.evaluation.statistics import difference, estimate
 from irl_dal.storage.result_store import ResultStore
 
-__all__ = ["summarise"]
-
 Rows = Mapping[str, NDArray[np.float64]]
 
 

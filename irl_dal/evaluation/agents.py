@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, mean_action
 from irl_dal.loop import ControlLoop, Observation
 
-__all__ = ["Agent", "ExpertAgent", "PolicyAgent", "RandomAgent", "StepResult"]
-
 Array = NDArray[np.float64]
 
 StepResult = tuple[Observation, float, bool, bool, dict[str, Any]]

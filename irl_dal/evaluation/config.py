@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["FIRST_EVALUATION_SEED", "EvaluationConfig"]
-
 FIRST_EVALUATION_SEED = 10_000
 """Evaluation seeds start here. Seeds from 0 on are for tuning; training's are the learning group's
 `first_seed` and larger."""

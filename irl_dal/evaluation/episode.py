@@ -12,8 +12,6 @@ from numpy.typing import NDArray
 from irl_dal.loop import SOURCES
 from irl_dal.planner import Plan
 
-__all__ = ["Episode", "EpisodeRecorder", "LoggedPlan"]
-
 Array = NDArray[np.float64]
 
 SILENT = -1

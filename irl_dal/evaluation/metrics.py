@@ -54,21 +54,6 @@ from irl_dal.planner import Plan
 from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits, Status
 
-__all__ = [
-    "METRICS",
-    "PLAN_METRICS",
-    "STATISTICS",
-    "Row",
-    "Value",
-    "cloning_row",
-    "compute_metrics",
-    "episode_record",
-    "join_rows",
-    "latencies",
-    "path_rows",
-    "plan_rows",
-]
-
 Array = NDArray[np.float64]
 
 Value = float | int | str | list[float] | list[int] | list[bool] | None

@@ -14,8 +14,6 @@ from irl_dal.evaluation.metrics import cloning_row, episode_record
 from irl_dal.evaluation.rollout import Array, compare_paths, drive_episode, drive_expert
 from irl_dal.loop import ControlLoop, Supervision
 
-__all__ = ["AgentSpec", "PolicyName", "Rig"]
-
 PolicyName = Literal["run", "expert", "random"]
 
 

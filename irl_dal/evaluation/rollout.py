@@ -12,8 +12,6 @@ from irl_dal.evaluation.agents import Agent, ExpertAgent
 from irl_dal.evaluation.episode import Episode, EpisodeRecorder
 from irl_dal.loop import ControlLoop, Observation, Supervision
 
-__all__ = ["Watcher", "compare_paths", "drive_episode", "drive_expert", "spread_steps"]
-
 Array = NDArray[np.float64]
 
 Watcher = Callable[[Observation, Mapping[str, Any]], None]

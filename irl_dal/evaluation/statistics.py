@@ -8,17 +8,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = [
-    "Estimate",
-    "Statistic",
-    "balanced_mean",
-    "difference",
-    "estimate",
-    "maximum",
-    "ratio",
-    "root_ratio",
-]
-
 Array = NDArray[np.float64]
 
 Statistic = Callable[[Array], Array]

@@ -20,8 +20,6 @@ from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key
 from irl_dal.storage.run_folder import provenance
 
-__all__ = ["PATH_DURATION", "Evaluation", "evaluate"]
-
 PATH_DURATION = 5.0
 """Length of the paths that ADE and FDE compare [s]: six planned horizons, long enough for a bend
 or a manoeuvre. The paper names none."""

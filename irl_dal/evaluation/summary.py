@@ -9,8 +9,6 @@ from rich.table import Table
 
 from irl_dal.evaluation.metrics import Value
 
-__all__ = ["evaluation_table"]
-
 _ROWS = {
     "success": ("success", "%", 1),
     "collision_rate": ("  ended by a collision", "%", 1),

@@ -17,8 +17,6 @@ from irl_dal.config import RunConfig
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.storage.result_store import ResultStore
 
-__all__ = ["CHUNK", "Workers", "progress_bar", "without_interrupts"]
-
 Item = TypeVar("Item")
 
 CHUNK = 4

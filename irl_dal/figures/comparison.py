@@ -21,14 +21,6 @@ from irl_dal.planner.energy.clearance import scan_points
 from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits
 
-__all__ = [
-    "draw_commands",
-    "draw_denoising",
-    "draw_differences",
-    "draw_numbers",
-    "draw_paths",
-]
-
 Array = NDArray[np.float64]
 
 SHOWN = (

@@ -24,8 +24,6 @@ from irl_dal.loop import Observation
 from irl_dal.planner import ProjectionMode
 from shield import ActuatorLimits
 
-__all__ = ["Drive", "film_pair"]
-
 Picture = NDArray[np.uint8]
 
 SIZE = (1280, 640)  # of a frame [px]

@@ -24,8 +24,6 @@ from irl_dal.figures.document import FigureWithCaption, render_page, write_pictu
 from irl_dal.figures.table import Cell, NumberTable
 from irl_dal.storage.atomic import write_text
 
-__all__ = ["comparison_page", "write_comparison_page"]
-
 
 def write_comparison_page(job: ComparisonJob, results: Mapping[str, Any]) -> None:
     """Draw and film what the page shows and write it; the figures are written as PNG files too."""

@@ -13,8 +13,6 @@ from matplotlib.figure import Figure
 from irl_dal.figures.style import picture, to_svg
 from irl_dal.figures.table import NumberTable
 
-__all__ = ["FigureWithCaption", "render_page", "write_pictures"]
-
 
 @dataclass(frozen=True, slots=True)
 class FigureWithCaption:

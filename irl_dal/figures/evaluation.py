@@ -13,8 +13,6 @@ from matplotlib.ticker import EngFormatter, PercentFormatter
 from irl_dal.figures.style import GREY, PALETTE, drawing, picture
 from irl_dal.learning.run_log import read_metrics
 
-__all__ = ["draw_training"]
-
 
 class _Panel(NamedTuple):
     """A figure: its file, title, unit, and lines as (column, legend, key of the palette)."""

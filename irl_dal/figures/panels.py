@@ -16,8 +16,6 @@ from expert import Mode
 from irl_dal.figures.style import PALETTE
 from shield import ActuatorLimits
 
-__all__ = ["CommandPlot", "FilmFrame", "StatusPanel"]
-
 Array = NDArray[np.float64]
 
 WINDOW = 10.0

@@ -18,8 +18,6 @@ from irl_dal.figures.video import DriveFilm
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 
-__all__ = ["film_drive", "show_run", "showcase_seed"]
-
 
 def show_run(folder: RunFolder, console: Console) -> None:
     """Evaluate a trained run, write and print the numbers, draw its figures and its film.

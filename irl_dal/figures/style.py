@@ -11,16 +11,6 @@ from matplotlib import rc_context
 from matplotlib.backends.backend_svg import FigureCanvasSVG
 from matplotlib.figure import Figure
 
-__all__ = [
-    "GREY",
-    "MODE_COLOURS",
-    "PALETTE",
-    "VARIANT_COLOURS",
-    "drawing",
-    "picture",
-    "to_svg",
-]
-
 GREY = "#8a9099"
 """Lines and ticks: readable on white and on black."""
 

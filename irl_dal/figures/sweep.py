@@ -19,8 +19,6 @@ from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.paper_table import COLUMNS, Estimates, label
 from irl_dal.sweep.result import OVERLAY_SEED
 
-__all__ = ["draw_dynamics", "draw_overlay", "draw_scores"]
-
 Array = NDArray[np.float64]
 
 _PANELS = (

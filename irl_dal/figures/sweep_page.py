@@ -16,8 +16,6 @@ from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.paper_table import COLUMNS, Estimates, paper_table
 from irl_dal.sweep.remarks import remarks
 
-__all__ = ["sweep_figures", "write_sweep_page"]
-
 
 def sweep_figures(
     collection: Collection, estimates: Estimates, rng: np.random.Generator

@@ -10,8 +10,6 @@ from rich.box import SIMPLE_HEAD
 from rich.table import Table
 from rich.text import Text
 
-__all__ = ["Cell", "Column", "NumberTable", "terminal_table"]
-
 
 @dataclass(frozen=True, slots=True)
 class Column:

@@ -15,8 +15,6 @@ from irl_dal.envs.vehicle import VehicleState
 from irl_dal.figures.style import PALETTE
 from shield import VehicleGeometry
 
-__all__ = ["TopView"]
-
 Array = NDArray[np.float64]
 
 AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0

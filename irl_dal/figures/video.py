@@ -20,8 +20,6 @@ from irl_dal.figures.top_view import TopView
 from irl_dal.loop import ControlLoop, Observation
 from shield import KinematicBicycle
 
-__all__ = ["DriveFilm"]
-
 Array = NDArray[np.float64]
 
 SIZE = (1280, 720)

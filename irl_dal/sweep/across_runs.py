@@ -18,8 +18,6 @@ from rliable.metrics import aggregate_iqm
 from irl_dal.evaluation.statistics import CONFIDENCE, Estimate
 from irl_dal.sweep.result import RunResult
 
-__all__ = ["Band", "across_runs", "band"]
-
 Array = NDArray[np.float64]
 
 RESAMPLES = 2000

@@ -15,8 +15,6 @@ from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 from irl_dal.sweep.result import RunResult, read_result, summarise_run
 
-__all__ = ["ORDER", "Collection", "collect"]
-
 ORDER = ("ppo_uniform", "fsm_replay", "diffusion", "irl_dal", "shielded", "paper")
 """Variants as the paper's Table I has them, then ours."""
 

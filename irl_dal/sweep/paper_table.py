@@ -17,17 +17,6 @@ from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.across_runs import across_runs
 from irl_dal.sweep.collection import Collection
 
-__all__ = [
-    "COLUMNS",
-    "Estimates",
-    "MarkedPage",
-    "estimates_of",
-    "label",
-    "notes",
-    "paper_table",
-    "printed_tables",
-]
-
 Estimates = Mapping[str, Mapping[str, Estimate]]
 """By variant and metric."""
 

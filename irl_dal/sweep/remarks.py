@@ -14,8 +14,6 @@ from irl_dal.sweep.collection import ORDER, Collection
 from irl_dal.sweep.paper_table import Estimates, label
 from irl_dal.sweep.result import REPLAY, RunResult
 
-__all__ = ["interventions", "remarks", "replay_shares"]
-
 
 def remarks(collection: Collection, estimates: Estimates) -> list[str]:
     """The order of the variants, what there was to balance, and how interventions went."""

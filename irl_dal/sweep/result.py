@@ -20,16 +20,6 @@ from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 
-__all__ = [
-    "CURVES",
-    "OVERLAY_SEED",
-    "REPLAY",
-    "RunResult",
-    "read_result",
-    "summarise_run",
-    "write_result",
-]
-
 FORMAT = 1
 """Raised whenever this version could misread the files of an older one."""
 
