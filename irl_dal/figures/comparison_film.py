@@ -3,140 +3,98 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from itertools import zip_longest
 from pathlib import Path
 from typing import Any
 
 import imageio.v3 as imageio
 import numpy as np
-from imageio.v2 import get_writer
-from matplotlib.artist import Artist
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.rig import Rig
 from irl_dal.evaluation.rollout import drive_episode
-from irl_dal.figures.panels import CommandPlot, FilmFrame
+from irl_dal.figures.panels import (
+    CHASE_SHAPE,
+    DPI,
+    CommandPlot,
+    FilmFrame,
+    MovingFigure,
+    empty_picture,
+    film_writer,
+)
 from irl_dal.figures.style import PALETTE
-from irl_dal.loop import Observation
-from irl_dal.planner import ProjectionMode
-from shield import ActuatorLimits
+from irl_dal.loop import ControlLoop, Observation
 
-Picture = NDArray[np.uint8]
-
-SIZE = (1280, 640)  # of a frame [px]
-DPI = 100
-TOP = 44  # of the chase views, below the titles [px]
+SIDE = 640  # of a drive's square half [px]
 CODEC = ["-crf", "40", "-b:v", "0", "-deadline", "realtime", "-cpu-used", "7", "-row-mt", "0"]
 """Of VP9: small, and played by every browser."""
 
-
-@dataclass(frozen=True, slots=True)
-class Drive:
-    """A logged episode and what the film shows of it.
-
-    Attributes:
-        title: Words above it.
-        mode: Where the plan is projected.
-        episode: Log of the whole drive.
-        frames: The reset and the steps up to the film's end.
-        views: Chase view of each, as a JPEG file: a raw one takes 0.7 MB.
-        outcome: How the drive ended.
-    """
-
-    title: str
-    mode: ProjectionMode
-    episode: Episode
-    frames: list[FilmFrame]
-    views: list[bytes]
-    outcome: str
-
-    @classmethod
-    def record(
-        cls, rig: Rig, title: str, mode: ProjectionMode, seed: int, duration: float
-    ) -> Drive:
-        """Drive an episode and look at its first `duration` seconds."""
-        dt = rig.loop.limits.dt
-        frames: list[FilmFrame] = []
-        views: list[bytes] = []
-        last: dict[str, Any] = {}
-
-        def watch(_observation: Observation, info: Mapping[str, Any]) -> None:
-            last.update(info)
-            if len(frames) < round(duration / dt):
-                frames.append(FilmFrame.of(len(frames) * dt, info))
-                view = np.asarray(rig.loop.render(), np.uint8)
-                views.append(imageio.imwrite("<bytes>", view, extension=".jpg"))
-
-        episode = drive_episode(rig.loop, rig.agent, seed, watch)
-        return cls(title, mode, episode, frames, views, _outcome(last))
+OUTCOMES = {"success": "goal reached", "collision": "collision", "off_road": "off the road"}
 
 
 class _Half:
-    """Title, chase view and the commands of one drive."""
+    """Title, chase view and commands of a drive, drawn while it is driven."""
 
-    def __init__(self, figure: Figure, left: float, drive: Drive, limits: ActuatorLimits) -> None:
-        self._drive, self._limits = drive, limits
-        self._left = round(left * SIZE[0])
-        figure.text(left + 0.012, 0.955, drive.title, fontsize=15, weight="bold")
-        self._state = figure.text(left + 0.488, 0.955, "", fontsize=12, ha="right", animated=True)
-        places = [figure.add_axes((left + offset, 0.085, 0.19, 0.23)) for offset in (0.045, 0.295)]
-        self._plots = [CommandPlot(axes, i, limits) for i, axes in enumerate(places)]
+    def __init__(self, loop: ControlLoop, title: str) -> None:
+        self._loop = loop
+        self._frames: list[FilmFrame] = []
+        self._broken = 0
+        figure = Figure(figsize=(SIDE / DPI, SIDE / DPI), dpi=DPI, facecolor="white")
+        figure.text(0.024, 0.955, title, fontsize=15, weight="bold")
+        self._state = figure.text(0.976, 0.955, "", fontsize=12, ha="right", animated=True)
+        height = CHASE_SHAPE[0] / SIDE
+        self._chase = empty_picture(figure.add_axes((0.0, 0.93 - height, 1.0, height)), CHASE_SHAPE)
+        self._plots = [
+            CommandPlot(figure.add_axes((left, 0.085, 0.38, 0.23)), component, loop.limits)
+            for component, left in enumerate((0.09, 0.59))
+        ]
+        self._moving = MovingFigure(figure)
 
-    def update(self, step: int) -> list[Artist]:
-        """Move to a step of the drive, or to its last one; what has to be drawn."""
-        shown = self._drive.frames[: step + 1]
+    def add(self, info: Mapping[str, Any]) -> None:
+        """Take in the moment after the reset or after a step."""
+        frame = FilmFrame.of(len(self._frames) * self._loop.limits.dt, info)
+        if self._frames:
+            violated = self._loop.limits.violated(frame.executed, self._frames[-1].executed)
+            self._broken += violated
+        self._frames.append(frame)
+
+    def picture(self, outcome: str = "") -> bytes:
+        """The moment that was taken in last, as a JPEG file: a raw one takes 1.2 MB."""
+        self._chase.set_data(np.asarray(self._loop.render()))
         for plot in self._plots:
-            plot.update(shown)
-        pairs = zip(shown[1:], shown[:-1], strict=True)
-        broken = sum(self._limits.violated(now.executed, before.executed) for now, before in pairs)
-        over = step >= self._drive.episode.steps
-        end = f"{self._drive.outcome} · " if over else ""
-        self._state.set_text(f"{end}{broken} of {len(shown) - 1} commands out of bounds")
-        self._state.set_color(PALETTE["plan"] if broken else PALETTE["text"])
-        return [*(artist for plot in self._plots for artist in plot.artists), self._state]
-
-    def paste(self, picture: Picture, step: int) -> None:
-        """Put the chase view into a frame."""
-        view = imageio.imread(self._drive.views[min(step, len(self._drive.views) - 1)])
-        height, width = view.shape[:2]
-        left = self._left + (SIZE[0] // 2 - width) // 2
-        picture[TOP : TOP + height, left : left + width] = view
+            plot.update(self._frames)
+        words = f"{self._broken} of {len(self._frames) - 1} commands out of bounds"
+        colour = PALETTE["plan" if self._broken else "text"]
+        self._state.set(text=f"{outcome} · {words}" if outcome else words, color=colour)
+        commands = [artist for plot in self._plots for artist in plot.artists]
+        picture = self._moving.draw([self._chase, *commands, self._state])
+        return imageio.imwrite("<bytes>", picture, extension=".jpg", quality=95)
 
 
-def film_pair(path: Path, drives: Sequence[Drive], limits: ActuatorLimits) -> None:
-    """Film two drives side by side."""
-    figure = Figure(figsize=(SIZE[0] / DPI, SIZE[1] / DPI), dpi=DPI, facecolor="white")
-    canvas = FigureCanvasAgg(figure)
-    halves = [_Half(figure, 0.5 * side, drive, limits) for side, drive in enumerate(drives)]
-    canvas.draw()
-    background = canvas.copy_from_bbox(figure.bbox)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f".part-{path.name}")
-    film = get_writer(
-        partial, format="FFMPEG", fps=1.0 / limits.dt, codec="libvpx-vp9", quality=None,
-        macro_block_size=2, output_params=CODEC,
-    )  # fmt: skip
-    with film:
-        for step in range(max(len(drive.frames) for drive in drives)):
-            film.append_data(_frame(canvas, background, halves, step))
-    partial.replace(path)
+def record_drive(rig: Rig, title: str, seed: int, duration: float) -> tuple[Episode, list[bytes]]:
+    """Drive an episode; its log, and a picture of each moment of its first `duration` seconds."""
+    half, pictures, last = _Half(rig.loop, title), [], {}
+    count = round(duration / rig.loop.limits.dt)
+
+    def watch(_observation: Observation, info: Mapping[str, Any]) -> None:
+        last.update(info)
+        if len(pictures) < count:
+            half.add(info)
+            pictures.append(half.picture())
+
+    episode = drive_episode(rig.loop, rig.agent, seed, watch)
+    if len(pictures) > episode.steps:
+        ends = (words for key, words in OUTCOMES.items() if last[key])
+        pictures[-1] = half.picture(next(ends, "time is up"))
+    return episode, pictures
 
 
-def _frame(canvas: FigureCanvasAgg, background: Any, halves: Sequence[_Half], step: int) -> Picture:
-    """What stands still, on it what moves, and the views."""
-    canvas.restore_region(background)
-    for half in halves:
-        for artist in half.update(step):
-            canvas.figure.draw_artist(artist)
-    picture = np.array(np.asarray(canvas.buffer_rgba())[:, :, :3])
-    for half in halves:
-        half.paste(picture, step)
-    return picture
-
-
-def _outcome(info: Mapping[str, Any]) -> str:
-    words = {"success": "goal reached", "collision": "collision", "off_road": "off the road"}
-    return next((text for key, text in words.items() if info[key]), "time is up")
+def film_pair(path: Path, halves: Sequence[Sequence[bytes]], rate: float) -> None:
+    """Film the pictures of two drives side by side [1/s]; the shorter one waits at its end."""
+    ends = [half[-1] for half in halves]
+    options = {"format": "FFMPEG", "codec": "libvpx-vp9", "quality": None, "output_params": CODEC}
+    with film_writer(path, rate, **options) as film:
+        for moment in zip_longest(*halves):
+            shown = [picture or end for picture, end in zip(moment, ends, strict=True)]
+            film.append_data(np.hstack([imageio.imread(picture) for picture in shown]))

@@ -19,7 +19,7 @@ from irl_dal.figures.comparison import (
     draw_numbers,
     draw_paths,
 )
-from irl_dal.figures.comparison_film import Drive, film_pair
+from irl_dal.figures.comparison_film import film_pair, record_drive
 from irl_dal.figures.document import FigureWithCaption, render_page, write_pictures
 from irl_dal.figures.table import Cell, NumberTable
 from irl_dal.storage.atomic import write_text
@@ -27,12 +27,11 @@ from irl_dal.storage.atomic import write_text
 
 def write_comparison_page(job: ComparisonJob, results: Mapping[str, Any]) -> None:
     """Draw and film what the page shows and write it; the figures are written as PNG files too."""
-    drives = _drives(job, results) if job.comparison.film_duration > 0.0 else []
-    plans, numbers = _plan_figures(job, results), _number_figures(results)
-    commands = [_command_figure(job, drives)] if drives else []
-    figures = [*plans, *commands, *numbers]
+    filmed = job.comparison.film_duration > 0.0
+    commands = [_command_figure(job, results)] if filmed else []
+    figures = [*_plan_figures(job, results), *commands, *_number_figures(results)]
     write_pictures(figures, job.out / "figures")
-    write_text(job.page, comparison_page(results, figures, job.film if drives else None))
+    write_text(job.page, comparison_page(results, figures, job.film if filmed else None))
 
 
 def comparison_page(
@@ -70,37 +69,25 @@ def _origin(results: Mapping[str, Any]) -> NumberTable:
     return NumberTable("Where this comes from", [""], rows)
 
 
-def _drives(job: ComparisonJob, results: Mapping[str, Any]) -> list[Drive]:
-    """Pure diffusion and the best projection on one seed, filmed."""
-    activation = job.comparison.activations[-1]
+def _command_figure(job: ComparisonJob, results: Mapping[str, Any]) -> FigureWithCaption:
+    """Film pure diffusion and the best projection on one seed, and draw their commands."""
+    extent, activation = job.comparison, job.comparison.activations[-1]
     pure = Setting(activation, "none", shielded=False)
     best = Setting(activation, best_projection(results), shielded=True)
-    drives = []
+    drives, halves = [], []
     for setting, title in ((pure, f"{pure.label}, no shield"), (best, best.label)):
         with setting_rig(job, setting, "rgb_array") as rig:
-            drives.append(
-                Drive.record(
-                    rig, title, setting.projection, job.comparison.first_seed,
-                    job.comparison.film_duration,
-                )
-            )  # fmt: skip
-    film_pair(job.film, drives, job.config.limits)
-    return drives
-
-
-def _command_figure(job: ComparisonJob, drives: Sequence[Drive]) -> FigureWithCaption:
-    words = ACTIVATIONS[job.comparison.activations[-1]]
+            episode, half = record_drive(rig, title, extent.first_seed, extent.film_duration)
+        drives.append((title, setting.projection, episode))
+        halves.append(half)
+    film_pair(job.film, halves, 1.0 / job.config.limits.dt)
     return FigureWithCaption(
         "commands",
-        draw_commands(
-            [(drive.title, drive.mode, drive.episode) for drive in drives],
-            job.config.limits,
-            job.comparison.film_duration,
-        ),
+        draw_commands(drives, job.config.limits, extent.film_duration),
         "Steering and speed against their bounds",
-        f"The drives of the film, {words}. Dashed: bounds. Red dots: executed commands that break "
-        "one. Below: how much of the nearest rate or lateral bound a command takes, 1 is all of "
-        "it; logarithmic above 2.",
+        f"The drives of the film, {ACTIVATIONS[activation]}. Dashed: bounds. Red dots: executed "
+        "commands that break one. Below: how much of the nearest rate or lateral bound a command "
+        "takes, 1 is all of it; logarithmic above 2.",
     )
 
 

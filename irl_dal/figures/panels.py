@@ -1,14 +1,20 @@
-"""The film's plots of the commands and its words about trigger, planner and shield."""
+"""What films are made of: frames, plots of the commands, words about trigger and shield, a file."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+import imageio.v2 as imageio
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
@@ -18,27 +24,56 @@ from shield import ActuatorLimits
 
 Array = NDArray[np.float64]
 
-WINDOW = 10.0
-"""Past that the plots show [s]."""
+DPI = 100  # of a frame [1/in]
+CHASE_SHAPE = (360, 640)  # height and width of the chase view [px]
+WINDOW = 10.0  # past that the plots show [s]
+
+
+@contextmanager
+def film_writer(path: Path, rate: float, **options: Any) -> Iterator[Any]:
+    """The writer of a film [frames/s] that appears when it is complete."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(f".part-{path.name}")
+    try:
+        with imageio.get_writer(partial, fps=rate, macro_block_size=2, **options) as writer:
+            yield writer
+        partial.replace(path)
+    finally:
+        partial.unlink(missing_ok=True)
+
+
+class MovingFigure:
+    """A figure whose standing parts are drawn once: a frame costs what moves in it."""
+
+    def __init__(self, figure: Figure) -> None:
+        self._canvas = FigureCanvasAgg(figure)
+        self._canvas.draw()
+        self._background = self._canvas.copy_from_bbox(figure.bbox)
+
+    def draw(self, artists: Iterable[Artist]) -> NDArray[np.uint8]:
+        """The frame (height, width, 3) with `artists` on what stands still."""
+        self._canvas.restore_region(self._background)
+        for artist in artists:
+            self._canvas.figure.draw_artist(artist)
+        return np.array(np.asarray(self._canvas.buffer_rgba())[:, :, :3])
+
+
+def empty_picture(axes: Axes, shape: tuple[int, int]) -> AxesImage:
+    """A white picture of a height and width [px]."""
+    axes.set_axis_off()
+    blank = np.full((*shape, 3), 255, np.uint8)
+    return axes.imshow(blank, interpolation="nearest", aspect="equal", animated=True)
 
 
 @dataclass(frozen=True, slots=True)
 class FilmFrame:
-    """What the film remembers of a step.
+    """What the film remembers of a step: commands before and after the shield (2,) [rad, m/s]."""
 
-    Attributes:
-        time: Since the start of the drive [s].
-        pose: True x, y, yaw [m, m, rad].
-        nominal: Command before the shield (2,) [rad, m/s].
-        executed: Command after it (2,) [rad, m/s].
-        triggered: Whether the planner was used.
-    """
-
-    time: float
-    pose: Array
+    time: float  # since the start of the drive [s]
+    pose: Array  # true x, y, yaw [m, m, rad]
     nominal: Array
     executed: Array
-    triggered: bool
+    triggered: bool  # whether the planner was used
 
     @classmethod
     def of(cls, time: float, info: Mapping[str, Any]) -> FilmFrame:
@@ -54,13 +89,7 @@ class FilmFrame:
 
 
 class CommandPlot:
-    """One component of the commands over the last seconds, between its bounds.
-
-    Args:
-        axes: Where to draw.
-        component: 0 steering, shown in degrees; 1 speed.
-        limits: Give the bounds and the control step.
-    """
+    """Steering in degrees (component 0) or speed (1) over the last seconds, between its bounds."""
 
     def __init__(self, axes: Axes, component: int, limits: ActuatorLimits) -> None:
         self._axes = axes
@@ -74,11 +103,10 @@ class CommandPlot:
         axes.set_title(("steering [°]", "speed [m/s]")[component], loc="left", fontsize=11)
         for bound in (low, high):
             axes.axhline(bound, color="black", linewidth=0.8, linestyle="--")
-        (self._nominal,) = axes.plot(
-            [], [], color=PALETTE["muted"], lw=1.2, animated=True, label="before the shield"
-        )
-        (self._executed,) = axes.plot(
-            [], [], color=PALETTE["ego"], lw=1.8, animated=True, label="executed"
+        looks = (("muted", 1.2, "before the shield"), ("ego", 1.8, "executed"))
+        self._nominal, self._executed = (
+            axes.plot([], [], color=PALETTE[colour], lw=width, animated=True, label=label)[0]
+            for colour, width, label in looks
         )
         self._tint = axes.fill_between([], [], [])
         if component == 1:
@@ -107,36 +135,16 @@ class CommandPlot:
         )  # fmt: skip
 
 
-class StatusPanel:
-    """What is going on, in seven lines.
-
-    Args:
-        axes: Where to write.
-    """
-
-    def __init__(self, axes: Axes) -> None:
-        axes.set_axis_off()
-        self._text = axes.text(
-            0.0, 1.0, "", fontsize=9, va="top", linespacing=1.5, family="monospace", animated=True
-        )
-
-    @property
-    def artists(self) -> list[Artist]:
-        """What has to be drawn."""
-        return [self._text]
-
-    def update(self, frame: FilmFrame, info: Mapping[str, Any]) -> None:
-        """Write down the newest frame, in the planner's colour where the state is risky."""
-        risk, certificate = info["risk"], info.get("certificate")
-        lines = {
-            "time": f"{frame.time:.1f} s",
-            "speed": f"{float(info['speed']):.1f} m/s",
-            "clearance": f"{float(info['clearance']):.1f} m",
-            "expert": Mode(info["mode"]).name.lower(),
-            "risk": ", ".join(risk.reasons) if risk.risky else "none",
-            "planner": f"on, weight {info['blend_weight']:.2f}" if frame.triggered else "off",
-            "shield": "–" if certificate is None else str(certificate.status),
-        }
-        text = "\n".join(f"{name:10} {value.replace('_', ' ')}" for name, value in lines.items())
-        hot = risk.risky or frame.triggered
-        self._text.set(text=text, color=PALETTE["plan"] if hot else "black")
+def status_words(frame: FilmFrame, info: Mapping[str, Any]) -> str:
+    """What is going on, in seven lines."""
+    risk, certificate = info["risk"], info.get("certificate")
+    lines = {
+        "time": f"{frame.time:.1f} s",
+        "speed": f"{float(info['speed']):.1f} m/s",
+        "clearance": f"{float(info['clearance']):.1f} m",
+        "expert": Mode(info["mode"]).name.lower(),
+        "risk": ", ".join(risk.reasons) if risk.risky else "none",
+        "planner": f"on, weight {info['blend_weight']:.2f}" if frame.triggered else "off",
+        "shield": "–" if certificate is None else str(certificate.status),
+    }
+    return "\n".join(f"{name:10} {value.replace('_', ' ')}" for name, value in lines.items())
