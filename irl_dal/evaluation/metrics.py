@@ -50,7 +50,6 @@ from irl_dal.evaluation import statistics
 from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.statistics import Estimate, Statistic, estimate, ratio
 from irl_dal.loop import SOURCES
-from irl_dal.planner import Plan
 from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits, Status
 
@@ -62,8 +61,13 @@ Value = float | int | str | list[float] | list[int] | list[bool] | None
 Row = Sequence[float]
 """What one episode, one log of plans or one path contributes to a statistic: (K,)."""
 
-RETURN_SCALE = 200.0
-"""The expert's normalised return."""
+_EpisodeRow = Callable[[Episode, ActuatorLimits], Row]
+
+_PlanRow = Callable[[Sequence[LoggedPlan], ActuatorLimits], Row]
+
+RETURN_SCALE = 200.0  # the expert's normalised return
+
+ENERGIES = ("energy_unguided", "energy_nominal", "energy")
 
 
 def compute_metrics(
@@ -81,10 +85,7 @@ def compute_metrics(
         rng: Random source of the bootstrap.
         references: Returns of random actions and of the expert on the same seeds (N, 2), if known.
         cloning: `cloning_row` of each held-out expert episode.
-        distances: Distances between the agent's and the expert's path, one (K,) [m] per stretch.
-
-    Raises:
-        ValueError: If there are no episodes.
+        distances: Between the agent's and the expert's path, one (K,) [m] per stretch.
     """
     if not episodes:
         raise ValueError("`episodes` must hold at least one episode. Got 0.")
@@ -109,12 +110,8 @@ def episode_record(episode: Episode, limits: ActuatorLimits) -> dict[str, Any]:
     """What is kept of an episode: all that its numbers are made of, ready for JSON.
 
     Records of several evaluations can be joined: `STATISTICS[name]` of all rows is the number.
-
-    Args:
-        episode: What was logged.
-        limits: The bounds that commands are judged by; its `dt` is the control step.
     """
-    rows = {name: [row(episode, limits)] for name, row in METRICS.items()}
+    rows = {name: [_floats(row(episode, limits))] for name, row in METRICS.items()}
     shield = episode.shield_time[np.isfinite(episode.shield_time)]
     return {
         "seed": episode.seed,
@@ -132,7 +129,7 @@ def plan_rows(
     plans: Sequence[LoggedPlan], limits: ActuatorLimits, prefix: str = ""
 ) -> dict[str, list[Row]]:
     """Rows of the plans of one episode, or of one set of states."""
-    return {prefix + name: [row(plans, limits)] for name, row in PLAN_METRICS.items()}
+    return {prefix + name: [_floats(row(plans, limits))] for name, row in PLAN_METRICS.items()}
 
 
 def path_rows(distances: Sequence[Row | Array]) -> dict[str, list[Row]]:
@@ -151,8 +148,8 @@ def cloning_row(episode: Episode, answers: Array) -> list[float]:
         answers: The agent's actions in its states (T, 2), normalised.
     """
     error = np.square(answers - episode.expert_action).mean(axis=1)
-    sums = np.bincount(episode.mode, error, len(Mode))
-    return [*sums.tolist(), *np.bincount(episode.mode, minlength=len(Mode)).astype(float).tolist()]
+    weights = (error, np.ones_like(error))
+    return [float(s) for each in weights for s in np.bincount(episode.mode, each, len(Mode))]
 
 
 def join_rows(entries: Iterable[Mapping[str, Sequence[Row]]]) -> dict[str, Array]:
@@ -175,90 +172,105 @@ def latencies(records: Sequence[Mapping[str, Any]]) -> dict[str, Value]:
     return report
 
 
-_EpisodeRow = Callable[[Episode, ActuatorLimits], Row]
-
-_PlanRow = Callable[[Sequence[LoggedPlan], ActuatorLimits], Row]
-
-
-def _share(flag: Callable[[Episode], bool]) -> _EpisodeRow:
-    """Rows for a share of episodes."""
-    return lambda episode, _: (float(flag(episode)), 1.0)
+def _floats(row: Row) -> Row:
+    return tuple(map(float, row))
 
 
-def _per_step(total: Callable[[Episode], float]) -> _EpisodeRow:
-    """Rows for a mean over steps of something with a known sum per episode."""
-    return lambda episode, _: (float(total(episode)), float(episode.steps))
+def _broken(commands: Array, previous: Array, limits: ActuatorLimits) -> int:
+    """How many of some commands (T, 2) break a bound."""
+    return sum(map(limits.violated, commands, previous))
+
+
+def _change(after: Array, before: Array, limits: ActuatorLimits) -> Array:
+    """Norms of differences of commands in normalised units (T,)."""
+    return np.linalg.norm(limits.to_action(after) - limits.to_action(before), axis=-1)
 
 
 def _source(column: int) -> _EpisodeRow:
     """Rows for the share of a source's proposals that broke a bound."""
-    return lambda episode, _: (
-        float((episode.nominal_violations[:, column] == 1).sum()),
-        float((episode.nominal_violations[:, column] >= 0).sum()),
-    )
 
+    def row(episode: Episode, _: ActuatorLimits) -> Row:
+        spoken = episode.nominal_violations[:, column]
+        return (spoken == 1).sum(), (spoken >= 0).sum()
 
-def _violations(commands: Callable[[Episode], Array]) -> _EpisodeRow:
-    """Rows for the share of commands that break a bound."""
-    return lambda episode, limits: (
-        float(sum(map(limits.violated, commands(episode), episode.previous_command))),
-        float(episode.steps),
-    )
-
-
-def _correction(episode: Episode, limits: ActuatorLimits) -> Row:
-    change = limits.to_action(episode.executed_command) - limits.to_action(episode.nominal_command)
-    return float(np.linalg.norm(change, axis=1).sum()), float(episode.steps)
+    return row
 
 
 def _jerk(episode: Episode, limits: ActuatorLimits) -> Row:
     jerk = np.diff(episode.speed, n=2) / limits.dt**2
-    return float(np.square(jerk).sum()), float(len(jerk))
+    return np.square(jerk).sum(), len(jerk)
 
 
 def _steering_rate(episode: Episode, limits: ActuatorLimits) -> Row:
     change = episode.executed_command[:, 0] - episode.previous_command[:, 0]
-    return float(np.square(change / limits.dt).sum()), float(episode.steps)
+    return np.square(change / limits.dt).sum(), episode.steps
 
 
 def _lateral_acceleration(episode: Episode, limits: ActuatorLimits) -> Row:
     turn = np.diff(episode.pose[:, 2])
     yaw_rate = np.arctan2(np.sin(turn), np.cos(turn)) / limits.dt
     speed = 0.5 * (episode.speed[1:] + episode.speed[:-1])
-    return (float(np.abs(speed * yaw_rate).max()),)
+    return (np.abs(speed * yaw_rate).max(),)
 
 
-def _plan_share(flag: Callable[[Plan], bool]) -> _PlanRow:
-    """Rows for a share of plans."""
-    return lambda plans, _: (float(sum(flag(p.plan) for p in plans)), float(len(plans)))
+METRICS: dict[str, _EpisodeRow] = {
+    "success": lambda e, _: (e.success, 1),
+    "collision_rate": lambda e, _: (e.collision, 1),
+    "off_road_rate": lambda e, _: (e.off_road, 1),
+    "timeout_rate": lambda e, _: (not (e.success or e.collision or e.off_road), 1),
+    "collisions_per_1k_steps": lambda e, _: (1000 * e.collision, e.steps),
+    "mean_return": lambda e, _: (e.total_reward, 1),
+    "action_similarity": lambda e, _: (
+        (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum(),
+        e.steps,
+    ),
+    "command_violation_rate": lambda e, limits: (
+        _broken(e.executed_command, e.previous_command, limits),
+        e.steps,
+    ),
+    "nominal_violation_rate": lambda e, limits: (
+        _broken(e.nominal_command, e.previous_command, limits),
+        e.steps,
+    ),
+    **{f"nominal_violation_rate_{source}": _source(i) for i, source in enumerate(SOURCES)},
+    "intervention_rate": lambda e, _: (e.triggered.sum(), e.steps),
+    "projection_active_rate": lambda e, _: (e.projected.sum(), e.steps),
+    "correction_norm": lambda e, limits: (
+        _change(e.executed_command, e.nominal_command, limits).sum(),
+        e.steps,
+    ),
+    "comfort_rms_jerk": _jerk,
+    "comfort_max_lateral_acceleration": _lateral_acceleration,
+    "comfort_rms_steering_rate": _steering_rate,
+}
+"""Name -> row of one episode: the metrics that episodes alone decide."""
 
 
-def _plan_violations(commands: Callable[[Plan], Array]) -> _PlanRow:
+def _plan_violations(nominal: bool) -> _PlanRow:
     """Rows for the share of plans that break a bound anywhere, from the last command on."""
 
     def row(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-        broken = [
-            any(map(limits.violated, commands(plan), [previous, *commands(plan)[:-1]]))
-            for plan, previous in plans
-        ]
-        return float(sum(broken)), float(len(plans))
+        broken = 0
+        for plan, previous in plans:
+            commands = plan.nominal if nominal else plan.actions
+            broken += _broken(commands, np.vstack([previous, commands[:-1]]), limits) > 0
+        return broken, len(plans)
 
     return row
 
 
 def _plan_correction(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-    changes = [limits.to_action(p.actions) - limits.to_action(p.nominal) for p, _ in plans]
-    norms = np.linalg.norm(np.array(changes).reshape(-1, 2), axis=1)
-    return float(norms.sum()), float(norms.size)
+    norms = np.array([_change(plan.actions, plan.nominal, limits) for plan, _ in plans])
+    return norms.ravel().sum(), norms.size
 
 
-def _plan_energy(energy: Callable[[Plan], float]) -> _PlanRow:
-    """Rows for a mean energy."""
+def _plan_energy(name: str) -> _PlanRow:
+    """Rows for a mean energy, fallbacks left out."""
 
     def row(plans: Sequence[LoggedPlan], _: ActuatorLimits) -> Row:
-        values = np.array([energy(entry.plan) for entry in plans])
+        values = np.array([getattr(entry.plan, name) for entry in plans], np.float64)
         known = values[np.isfinite(values)]
-        return float(known.sum()), float(len(known))
+        return known.sum(), len(known)
 
     return row
 
@@ -272,40 +284,22 @@ def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
         path = ego_rollout(plan.candidates, limits.wheelbase, limits.dt)
         ends = np.column_stack([path.x[:, -1], path.y[:, -1]])
         total += float(pdist(ends).mean()) if len(ends) > 1 else 0.0
-    return total, float(len(plans))
+    return total, len(plans)
 
-
-METRICS: dict[str, _EpisodeRow] = {
-    "success": _share(lambda e: e.success),
-    "collision_rate": _share(lambda e: e.collision),
-    "off_road_rate": _share(lambda e: e.off_road),
-    "timeout_rate": _share(lambda e: not (e.success or e.collision or e.off_road)),
-    "collisions_per_1k_steps": _per_step(lambda e: 1000.0 * e.collision),
-    "mean_return": lambda e, _limits: (e.total_reward, 1.0),
-    "action_similarity": _per_step(
-        lambda e: (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum()
-    ),
-    "command_violation_rate": _violations(lambda e: e.executed_command),
-    "nominal_violation_rate": _violations(lambda e: e.nominal_command),
-    **{f"nominal_violation_rate_{source}": _source(i) for i, source in enumerate(SOURCES)},
-    "intervention_rate": _per_step(lambda e: e.triggered.sum()),
-    "projection_active_rate": _per_step(lambda e: e.projected.sum()),
-    "correction_norm": _correction,
-    "comfort_rms_jerk": _jerk,
-    "comfort_max_lateral_acceleration": _lateral_acceleration,
-    "comfort_rms_steering_rate": _steering_rate,
-}
-"""Name -> row of one episode: the metrics that episodes alone decide."""
 
 PLAN_METRICS: dict[str, _PlanRow] = {
-    "plan_projection_rate": _plan_share(lambda plan: plan.status != Status.NOMINAL),
-    "plan_fallback_rate": _plan_share(lambda plan: plan.is_fallback),
-    "plan_nominal_violation_rate": _plan_violations(lambda plan: plan.nominal),
-    "plan_violation_rate": _plan_violations(lambda plan: plan.actions),
+    "plan_projection_rate": lambda plans, _: (
+        sum(entry.plan.status != Status.NOMINAL for entry in plans),
+        len(plans),
+    ),
+    "plan_fallback_rate": lambda plans, _: (
+        sum(entry.plan.is_fallback for entry in plans),
+        len(plans),
+    ),
+    "plan_nominal_violation_rate": _plan_violations(nominal=True),
+    "plan_violation_rate": _plan_violations(nominal=False),
     "plan_correction_norm": _plan_correction,
-    "plan_energy_unguided": _plan_energy(lambda plan: plan.energy_unguided),
-    "plan_energy_nominal": _plan_energy(lambda plan: plan.energy_nominal),
-    "plan_energy": _plan_energy(lambda plan: plan.energy),
+    **{f"plan_{name}": _plan_energy(name) for name in ENERGIES},
     "plan_diversity_m": _plan_diversity,
 }
 """Name -> row of the plans of an episode or of a set of states."""
