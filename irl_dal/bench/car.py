@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from contextlib import closing
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,27 +22,13 @@ STEERING = ((4.0, 1.0), (8.0, 1.0), (8.0, 2.0), (8.0, 4.0), (8.0, 8.0), (12.0, 4
 SPEED = ((5.0, 5.3), (5.0, 8.0), (8.0, 7.4), (8.0, 2.0))  # steps of the speed command [m/s]
 
 
-@dataclass(frozen=True, slots=True)
-class Response:
-    """What a step of a command did.
+class Response(NamedTuple):
+    """What a step of a command did."""
 
-    Attributes:
-        rise: Time to 63 % of the step [s].
-        overshoot: Largest value beyond the end, as a share of the step.
-        gain: Final value over the bicycle's.
-        slip: Largest sideways speed at the rear axle [m/s].
-    """
-
-    rise: float
-    overshoot: float
-    gain: float
-    slip: float
-
-    @property
-    def cells(self) -> list[str]:
-        """As they are printed."""
-        rise, overshoot = f"{self.rise:.2f}", f"{self.overshoot:.0%}"
-        return [rise, overshoot, f"{self.gain:.3f}", f"{self.slip:.2f}"]
+    rise: float  # time to 63 % of the step [s]
+    overshoot: float  # largest value beyond the end, as a share of the step
+    gain: float  # final value over the bicycle's
+    slip: float  # largest sideways speed at the rear axle [m/s]
 
 
 def steering_response(speed: float, steering: float) -> Response:
@@ -58,44 +45,36 @@ def speed_response(start: float, stop: float) -> Response:
 
 def car_tables() -> Iterator[Table]:
     """Steering and speed responses, up to and beyond the shield's bounds."""
+    form = "{:.2f} {:.0%} {:.3f} {:.2f}"
     headings = ["63 % after [s]", "overshoot", "gain", "slip [m/s]"]
-    yield terminal_table(
-        "step of the steering: yaw rate against the bicycle's v tan(delta) / L",
-        ["v [m/s]", "lateral [m/s²]", *headings],
-        [
-            [
-                f"{v:g}",
-                f"{a:g}",
-                *steering_response(v, float(np.arctan(WHEELBASE * a / v**2))).cells,
-            ]
-            for v, a in STEERING
-        ],
-    )
+    rows = []
+    for v, a in STEERING:
+        response = steering_response(v, float(np.arctan(WHEELBASE * a / v**2)))
+        rows.append([f"{v:g}", f"{a:g}", *form.format(*response).split()])
+    title = "step of the steering: yaw rate against the bicycle's v tan(delta) / L"
+    yield terminal_table(title, ["v [m/s]", "lateral [m/s²]", *headings], rows)
     yield terminal_table(
         "step of the speed command",
         ["from [m/s]", "to [m/s]", *headings[:3]],
-        [[f"{v:g}", f"{w:g}", *speed_response(v, w).cells[:3]] for v, w in SPEED],
+        [[f"{v:g}", f"{w:g}", *form.format(*speed_response(v, w)).split()[:3]] for v, w in SPEED],
     )
 
 
 def _samples(start: float, steering: float, speed: float) -> NDArray[np.float64]:
     """Yaw rate, speed and sideways speed (3, T) after a step from straight on at `start`."""
-    world = World()
-    try:
+    rows = []
+    with closing(World()) as world:
         world.clear()
         car = Vehicle(world)
         car.place(0.0, 0.0, 0.0, start)
         for _ in range(10):  # until the wheels roll
             car.drive(0.0, start)
             world.step(DT)
-        rows = []
         for _ in range(SAMPLES):
             car.drive(steering, speed)
             world.step(DT)
             state = car.state()
             rows.append((state.yaw_rate, state.speed, state.lateral_speed))
-    finally:
-        world.close()
     return np.array(rows, np.float64).T
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -23,29 +24,17 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True)
 class Drive:
-    """One episode of T steps.
-
-    Attributes:
-        seed: Of the episode.
-        outcome: success, collision, off_road or timeout.
-        brightness: Of its light, 0 dark to 1 bright.
-        offset: True lateral offset (T + 1,) [m].
-        measured: Measured by the lane sensor (T + 1,) [m]; NaN without a measurement.
-        tracked: Estimated by the tracker (T + 1,) [m].
-        valid: Whether the tracker calls its estimate valid (T + 1,).
-        violations: Steps on which the driver's own command broke a bound before the shield.
-        commands: Executed commands (T, 2) [rad, m/s].
-    """
+    """One episode of T steps."""
 
     seed: int
-    outcome: str
-    brightness: float
-    offset: Array
-    measured: Array
-    tracked: Array
-    valid: NDArray[np.bool_]
-    violations: int
-    commands: Array
+    outcome: str  # success, collision, off_road or timeout
+    brightness: float  # of its light, 0 dark to 1 bright
+    offset: Array  # true lateral offset (T + 1,) [m]
+    measured: Array  # by the lane sensor (T + 1,) [m]; NaN without a measurement
+    tracked: Array  # by the tracker (T + 1,) [m]
+    valid: NDArray[np.bool_]  # whether the tracker calls its estimate valid (T + 1,)
+    violations: int  # steps on which the driver's own command broke a bound before the shield
+    commands: Array  # executed (T, 2) [rad, m/s]
 
     @property
     def steps(self) -> int:
@@ -53,27 +42,20 @@ class Drive:
         return len(self.commands)
 
 
-def expert_drives(config: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
+def expert_drives(city: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
     """Let the expert drive under its shield, one episode for each seed, in this process.
 
     On a track the n-th episode takes the n-th stretch.
     """
-    rig = Rig.build(replace(RunConfig(), env=config), AgentSpec("expert"))
-    try:
-        for task in enumerate(seeds):
-            yield _drive(rig, task)
-    finally:
-        rig.close()
+    config = replace(RunConfig(), env=city)
+    with closing(Rig.build(config, AgentSpec("expert"))) as rig:
+        yield from (_drive(rig, task) for task in enumerate(seeds))
 
 
 def drives(
     config: RunConfig, spec: AgentSpec, seeds: Sequence[int], jobs: int, what: str, console: Console
 ) -> list[Drive]:
-    """Let an agent drive, one episode for each seed, in several processes.
-
-    Raises:
-        CheckpointError: The run has no checkpoint that can be used.
-    """
+    """Let an agent drive, one episode for each seed, in several processes."""
     with Workers(config, spec, jobs, console) as workers:
         return workers.map(what, _drive, list(enumerate(seeds)))
 

@@ -32,13 +32,9 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
     """The learners of a new run after some steps of the expert."""
     drivers = build_drivers(config, processes=False)
     with TemporaryDirectory() as folder:
+        planner, seen, seed = build_planner(config), config.perception, config.seed
         pipeline = Pipeline(
-            config.learning,
-            drivers,
-            build_planner(config),
-            perception=config.perception,
-            run_dir=Path(folder),
-            seed=config.seed,
+            config.learning, drivers, planner, perception=seen, run_dir=Path(folder), seed=seed
         )
         pipeline.learners.ppo.set_logger(pipeline.log.open(0))
         try:

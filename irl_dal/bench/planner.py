@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
 from dataclasses import replace
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -59,26 +61,20 @@ def planner_tables(run: Path | None, rounds: int, contexts: int) -> Iterator[Tab
 
 def logged_contexts(config: RunConfig, count: int) -> list[PlanningContext]:
     """Contexts evenly spread over one drive of the expert."""
-    loop = build_loop(config, expert_supervision(config))
-    try:
+    contexts, over = [], False
+    with closing(build_loop(config, expert_supervision(config))) as loop:
         _, info = loop.reset(seed=SEED)
-        contexts, over = [info["context"]], False
+        contexts.append(info["context"])
         while not over:
             _, _, terminated, truncated, info = loop.step_expert()
             contexts.append(info["context"])
             over = terminated or truncated
-    finally:
-        loop.close()
     places = np.linspace(0, len(contexts) - 1, min(count, len(contexts))).astype(int)
     return [contexts[place] for place in places]
 
 
 def make_planner(config: RunConfig, run: Path | None = None, **settings: Any) -> DiffusionPlanner:
-    """A planner with a run's weights or untrained ones.
-
-    Raises:
-        ConfigError: The run was trained without a planner.
-    """
+    """A planner with a run's weights or untrained ones; a ConfigError if the run has none."""
     planner = build_planner(replace(config, planner=replace(config.planner, **settings)))
     if planner is None:
         raise ConfigError(f"--run = {str(run)!r}: was trained without a planner")
@@ -112,14 +108,9 @@ def shares(
 ) -> dict[str, float]:
     """Processor time of a plan by its parts and the rest [ms]."""
     planner.plan(contexts[0])
-
-    def work() -> None:
-        for _ in range(rounds):
-            for context in contexts:
-                planner.plan(context)
-
-    spent = time_parts(PARTS, work)
-    return {name: 1e3 * seconds / (rounds * len(contexts)) for name, seconds in spent.items()}
+    todo = [context for _ in range(rounds) for context in contexts]
+    spent = time_parts(PARTS, lambda: [planner.plan(context) for context in todo])
+    return {name: 1e3 * seconds / len(todo) for name, seconds in spent.items()}
 
 
 def _latency_table(
@@ -140,10 +131,8 @@ def _shares_table(spent: Mapping[str, Mapping[str, float]]) -> Table:
     headings = [text for name in spent for text in (f"{name.upper()} [ms]", "share")]
     rows = []
     for part in (*PARTS, "rest"):
-        row = [part]
-        for times in spent.values():
-            row += [f"{times[part]:.2f}", f"{times[part] / sum(times.values()):.0%}"]
-        rows.append(row)
+        cells = [f"{t[part]:.2f} {t[part] / sum(t.values()):.0%}".split() for t in spent.values()]
+        rows.append([part, *chain.from_iterable(cells)])
     title = "where a plan spends its time (processor time)"
     return terminal_table(title, ["part", *headings], rows)
 
@@ -152,11 +141,11 @@ def _growth_table(
     config: RunConfig, run: Path | None, contexts: Sequence[PlanningContext], rounds: int
 ) -> Table:
     """Median processor time of a plan over H, T and N, each alone."""
-    columns = []
+    columns: list[list[str]] = []
     for key, values, extra in SWEEPS.values():
         planners = [make_planner(config, run, **{key: value, **extra}) for value in values]
         medians = np.median(time_plans(planners, contexts, rounds)[:, :, 1], axis=1)
-        columns += [[str(value) for value in values], [f"{median:.2f}" for median in medians]]
+        columns += [list(map(str, values)), [f"{median:.2f}" for median in medians]]
     headings = [text for name in SWEEPS for text in (name, "ms")]
     title = "median processor time over H, T (DDPM) and N, each alone"
     return terminal_table(title, headings, list(zip(*columns, strict=True)))

@@ -35,11 +35,7 @@ class Agent:
 
 @dataclass(slots=True)
 class PolicyAgent(Agent):
-    """A trained policy, without exploration.
-
-    Attributes:
-        policy: Its mean action is the agent's action.
-    """
+    """A trained policy, without exploration."""
 
     policy: DrivingPolicy
 

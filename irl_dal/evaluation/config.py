@@ -8,9 +8,6 @@ FIRST_EVALUATION_SEED = 10_000
 """Evaluation seeds start here. Seeds from 0 on are for tuning; training's are the learning group's
 `first_seed` and larger."""
 
-_LOWEST = {"episodes": 1, "n_jobs": 1}
-"""Smallest value of the fields that must not be zero."""
-
 
 @dataclass(frozen=True, slots=True)
 class EvaluationConfig:
@@ -38,6 +35,6 @@ class EvaluationConfig:
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
-            value, lowest = getattr(self, name), _LOWEST.get(name, 0)
+            value, lowest = getattr(self, name), int(name in ("episodes", "n_jobs"))
             if not value >= lowest:
                 raise ValueError(f"`{name}` must be at least {lowest}. Got {value}.")

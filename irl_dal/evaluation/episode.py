@@ -14,8 +14,7 @@ from irl_dal.planner import Plan
 
 Array = NDArray[np.float64]
 
-SILENT = -1
-"""Entry of `Episode.nominal_violations` for a source that proposed nothing on that step."""
+SILENT = -1  # in `Episode.nominal_violations` for a source that proposed nothing on that step
 
 
 class LoggedPlan(NamedTuple):
@@ -27,48 +26,27 @@ class LoggedPlan(NamedTuple):
 
 @dataclass(frozen=True, slots=True)
 class Episode:
-    """One drive of T steps, as read-only arrays.
+    """One drive of T steps, as read-only arrays."""
 
-    Attributes:
-        seed: Seed that the episode was reset with.
-        success: Goal reached, no collision, never off the road, within the time limit.
-        collision: Ended by a collision.
-        off_road: Left the road.
-        reward: Environment reward (T,).
-        pose: True x, y, yaw of the rear axle [m, m, rad] before the first and after each step
-            (T+1, 3).
-        speed: True speed, likewise (T+1,) [m/s].
-        mode: Expert mode in the state acted upon (T,).
-        agent_action: The agent's own action, before planner and shield (T, 2), normalised.
-        expert_action: The expert's label for the same state (T, 2), normalised.
-        previous_command: Command executed on the step before (T, 2) [rad, m/s].
-        nominal_command: Command before the shield (T, 2) [rad, m/s].
-        executed_command: Command that reached the actuators (T, 2) [rad, m/s].
-        projected: The shield changed the command (T,).
-        triggered: The planner was used (T,).
-        nominal_violations: 1 where a source's proposal broke a bound before the shield, 0 where it
-            did not, -1 where the source proposed nothing (T, 4); columns as `irl_dal.loop.SOURCES`.
-        shield_time: Duration of each shield call (T,) [s]; NaN where the shield is off.
-        plans: The plans that were made.
-    """
-
-    seed: int
-    success: bool
-    collision: bool
-    off_road: bool
-    reward: Array
-    pose: Array
-    speed: Array
-    mode: NDArray[np.int64]
-    agent_action: Array
-    expert_action: Array
-    previous_command: Array
-    nominal_command: Array
-    executed_command: Array
-    projected: NDArray[np.bool_]
-    triggered: NDArray[np.bool_]
+    seed: int  # that it was reset with
+    success: bool  # goal reached, no collision, never off the road, within the time limit
+    collision: bool  # ended by one
+    off_road: bool  # left the road
+    reward: Array  # of the environment (T,)
+    pose: Array  # true x, y, yaw of the rear axle before and after each step (T+1, 3) [m, m, rad]
+    speed: Array  # true speed, likewise (T+1,) [m/s]
+    mode: NDArray[np.int64]  # of the expert in the state acted upon (T,)
+    agent_action: Array  # the agent's own, before planner and shield (T, 2), normalised
+    expert_action: Array  # the expert's label for the same state (T, 2), normalised
+    previous_command: Array  # executed on the step before (T, 2) [rad, m/s]
+    nominal_command: Array  # before the shield (T, 2) [rad, m/s]
+    executed_command: Array  # that reached the actuators (T, 2) [rad, m/s]
+    projected: NDArray[np.bool_]  # the shield changed the command (T,)
+    triggered: NDArray[np.bool_]  # the planner was used (T,)
     nominal_violations: NDArray[np.int8]
-    shield_time: Array
+    """1 where a source's proposal broke a bound before the shield, 0 where it did not, -1 where it
+    proposed nothing (T, 4); columns as `irl_dal.loop.SOURCES`."""
+    shield_time: Array  # of each shield call (T,) [s]; NaN where the shield is off
     plans: tuple[LoggedPlan, ...]
 
     def __post_init__(self) -> None:
@@ -90,12 +68,7 @@ class Episode:
 
 
 class EpisodeRecorder:
-    """Collects one episode from the control loop's `info` dictionaries.
-
-    Args:
-        seed: Seed of the episode.
-        first: `info` of the reset.
-    """
+    """Collects one episode from the control loop's `info`, the reset's `first`."""
 
     def __init__(self, seed: int, first: Mapping[str, Any]) -> None:
         self._seed = seed
@@ -104,23 +77,13 @@ class EpisodeRecorder:
         self._rewards: list[float] = []
 
     def add(self, agent_action: Array, reward: float, info: Mapping[str, Any]) -> None:
-        """Record one step.
-
-        Args:
-            agent_action: The agent's own action (2,), normalised.
-            reward: Environment reward of the step.
-            info: What the step returned.
-        """
+        """Record a step: the agent's own action (2,), normalised, and what the step returned."""
         self._actions.append(agent_action)
         self._rewards.append(reward)
         self._infos.append(info)
 
     def finish(self) -> Episode:
-        """The episode so far.
-
-        Raises:
-            ValueError: If no step was recorded.
-        """
+        """The episode so far; a ValueError if no step was recorded."""
         before, after, last = self._infos[:-1], self._infos[1:], self._infos[-1]
         if not after:
             raise ValueError(f"`seed` {self._seed}: an episode needs at least one step. Got 0.")

@@ -19,12 +19,7 @@ PolicyName = Literal["run", "expert", "random"]
 
 @dataclass(frozen=True, slots=True)
 class AgentSpec:
-    """Who is evaluated; small enough to be sent to another process.
-
-    Attributes:
-        policy: A trained run, the expert, or uniformly drawn actions.
-        run_dir: Folder of the run, for `run`.
-    """
+    """Who is evaluated, for `run` with its folder; small enough to be sent to another process."""
 
     policy: PolicyName
     run_dir: Path | None = None
@@ -38,25 +33,15 @@ class AgentSpec:
 
 @dataclass(slots=True)
 class Rig:
-    """A loop with an agent in it, and what can be measured with it; results are ready for JSON.
+    """A loop with an agent in it, and what can be measured with it; results are ready for JSON."""
 
-    Attributes:
-        loop: The city under the agent's supervision.
-        agent: Who is evaluated.
-        reference: Supervision of the expert and of the random reference.
-    """
-
-    loop: ControlLoop
+    loop: ControlLoop  # the city under the agent's supervision
     agent: Agent
-    reference: Supervision
+    reference: Supervision  # of the expert and of the random reference
 
     @classmethod
     def build(cls, config: RunConfig, spec: AgentSpec, render_mode: str | None = None) -> Rig:
-        """Build everything from a configuration.
-
-        Raises:
-            CheckpointError: The run has no checkpoint that can be used.
-        """
+        """Build everything; a CheckpointError if the run has no checkpoint that can be used."""
         planner = build_planner(config) if spec.policy == "run" else None
         loop = build_loop(config, supervision(config, planner), render_mode=render_mode)
         agent: Agent = ExpertAgent() if spec.policy == "expert" else RandomAgent()

@@ -15,7 +15,6 @@ from irl_dal.loop import ControlLoop, Observation, Supervision
 Array = NDArray[np.float64]
 
 Watcher = Callable[[Observation, Mapping[str, Any]], None]
-"""Looks at the observation and `info` of the reset and of every step."""
 
 
 def drive_episode(
@@ -48,13 +47,7 @@ def drive_episode(
 def drive_expert(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int
 ) -> tuple[Episode, Array]:
-    """Let the expert drive, and ask the agent in every state what it would have done.
-
-    Args:
-        loop: The city.
-        reference: Supervision that the expert drives under, whatever the agent's is.
-        agent: Who is asked; it never drives here.
-        seed: Of the episode.
+    """Let the expert drive under `reference`, and ask the agent what it would have done.
 
     Returns:
         The episode, and the agent's actions in its states (T, 2), normalised.
@@ -86,9 +79,6 @@ def compare_paths(
 
     Returns:
         Distance between both paths after each of the K steps (K,) [m].
-
-    Raises:
-        ValueError: If the expert's path has no step after the state.
     """
     if len(pose) < 2:
         raise ValueError(f"`pose` must hold the state and a step after it. Got {len(pose)} rows.")
@@ -113,7 +103,7 @@ def spread_steps(
         lengths: Number of steps of each episode.
         states: How many in all; fewer where episodes are too short.
         horizon: Steps that must remain after a state.
-        rng: Random source; each state is drawn from its own equal share of the episode.
+        rng: Each state is drawn from its own equal share of the episode.
 
     Returns:
         For each episode its steps, increasing.

@@ -13,21 +13,13 @@ Array = NDArray[np.float64]
 Statistic = Callable[[Array], Array]
 """Maps resampled rows (B, N, K) to one number per resample (B,)."""
 
-RESAMPLES = 2000
-"""Of the bootstrap: the ends of an interval repeat to about 1.5 % of its width."""
-
+RESAMPLES = 2000  # of the bootstrap: an interval's ends repeat to about 1.5 % of its width
 CONFIDENCE = 0.95
 
 
 @dataclass(frozen=True, slots=True)
 class Estimate:
-    """A number and its bootstrap interval; None where there was nothing to measure.
-
-    Attributes:
-        value: The statistic on all rows.
-        low: Lower end of the 95 % interval.
-        high: Upper end of the 95 % interval.
-    """
+    """A number and its 95 % bootstrap interval; None where there was nothing to measure."""
 
     value: float | None = None
     low: float | None = None
@@ -52,8 +44,7 @@ def root_ratio(rows: Array) -> Array:
 
 def maximum(rows: Array) -> Array:
     """Largest value of column 0, (B, N, 1) -> (B,)."""
-    largest: Array = rows[:, :, 0].max(axis=1)
-    return largest
+    return np.asarray(rows[:, :, 0].max(axis=1))
 
 
 def balanced_mean(rows: Array) -> Array:
@@ -76,26 +67,15 @@ def difference(statistic: Statistic) -> Statistic:
 
     def subtract(rows: Array) -> Array:
         first, second = np.split(rows, 2, axis=2)
-        gap: Array = statistic(first) - statistic(second)
-        return gap
+        return statistic(first) - statistic(second)
 
     return subtract
 
 
 def estimate(rows: ArrayLike, statistic: Statistic, rng: np.random.Generator) -> Estimate:
-    """Value of a statistic with its percentile bootstrap interval.
+    """Value of a statistic of rows (N, K), one per episode, with its percentile bootstrap interval.
 
-    Args:
-        rows: One row per episode, (N, K).
-        statistic: Function of resampled rows (B, N, K) -> (B,).
-        rng: Random source of the resampling.
-
-    Returns:
-        The value and its 95 % interval; all None where there are no rows or the value is not
-        finite.
-
-    Raises:
-        ValueError: If `rows` is not two-dimensional.
+    All None where there are no rows or the value is not finite.
     """
     table = np.asarray(rows, dtype=np.float64)
     if table.ndim != 2:

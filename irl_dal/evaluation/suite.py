@@ -27,12 +27,7 @@ or a manoeuvre. The paper names none."""
 
 @dataclass(frozen=True, slots=True)
 class Evaluation:
-    """An evaluation's result.
-
-    Attributes:
-        episodes: `episode_record` of each of the agent's episodes.
-        report: The numbers, flat, ready for JSON.
-    """
+    """`episode_record` of each of the agent's episodes, and the numbers, flat, ready for JSON."""
 
     episodes: list[dict[str, Any]]
     report: dict[str, Value]

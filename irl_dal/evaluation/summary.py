@@ -44,12 +44,7 @@ _ROWS = {
 
 
 def evaluation_table(report: Mapping[str, Value], title: str) -> Table:
-    """The table that evaluation prints.
-
-    Args:
-        report: Flat report of an evaluation.
-        title: Line above the table.
-    """
+    """The table of an evaluation's flat report."""
     table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
     table.add_column("metric", no_wrap=True)
     for name in ("value", "95 % interval"):

@@ -25,14 +25,7 @@ while, few enough to share out."""
 
 
 class Workers:
-    """Spreads work over processes, each with a rig of its own, and shows how far it is.
-
-    Args:
-        config: What the rigs are built from.
-        spec: Who drives in them.
-        jobs: Number of processes.
-        console: Where the progress bar goes; None shows none.
-    """
+    """Spreads work over `jobs` processes, each with a rig of its own, and shows how far it is."""
 
     def __init__(
         self, config: RunConfig, spec: AgentSpec, jobs: int, console: Console | None
@@ -102,14 +95,13 @@ def progress_bar(console: Console | None) -> Progress:
 @contextmanager
 def without_interrupts() -> Iterator[None]:
     """Processes started meanwhile ignore Ctrl-C: this one gets it too, and ends them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    main = threading.current_thread() is threading.main_thread()
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN) if main else None
     try:
         yield
     finally:
-        signal.signal(signal.SIGINT, before)
+        if main:
+            signal.signal(signal.SIGINT, before)
 
 
 def _work(config: RunConfig, spec: AgentSpec, calls: Sequence[Any]) -> list[Any]:

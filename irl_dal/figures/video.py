@@ -110,8 +110,6 @@ def _layout() -> tuple[Figure, dict[str, Axes]]:
     right = figure.add_gridspec(
         2, 1, left=0.705, right=0.99, top=0.985, bottom=0.02, hspace=0.16, height_ratios=[2.9, 1.0]
     )
-    places = {
-        "chase": left[0, :], "camera": left[1, 0], "steering": left[1, 1], "speed": left[1, 2],
-        "top": right[0], "status": right[1],
-    }  # fmt: skip
-    return figure, {name: figure.add_subplot(place) for name, place in places.items()}
+    names = ("chase", "camera", "steering", "speed", "top", "status")
+    places = (left[0, :], left[1, 0], left[1, 1], left[1, 2], right[0], right[1])
+    return figure, dict(zip(names, map(figure.add_subplot, places), strict=True))

@@ -20,20 +20,12 @@ from irl_dal.sweep.result import RunResult
 
 Array = NDArray[np.float64]
 
-RESAMPLES = 2000
-BAND_RESAMPLES = 400
+RESAMPLES, BAND_RESAMPLES = 2000, 400
 
 
 @dataclass(frozen=True, slots=True)
 class Band:
-    """A curve over the steps of a training, all arrays (S,).
-
-    Attributes:
-        steps: Environment steps.
-        middle: Interquartile mean over the runs.
-        low: Lower end of its interval; the same as `middle` for a single run.
-        high: Upper end.
-    """
+    """Interquartile mean and its interval's ends over the environment steps of a training (S,)."""
 
     steps: Array
     middle: Array
@@ -42,37 +34,23 @@ class Band:
 
 
 def across_runs(results: Sequence[RunResult], metric: str, rng: np.random.Generator) -> Estimate:
-    """Interquartile mean of a metric over runs, with its 95 % interval.
-
-    Returns:
-        Without an interval for a single run; all None where no run has the metric.
-    """
-    known = [result.score(metric) for result in results]
-    scores = np.array([value for value in known if value is not None], np.float64)
-    if not len(scores):
+    """Interquartile mean of a metric over runs, with its 95 % interval from two runs on."""
+    known = [value for result in results if (value := result.score(metric)) is not None]
+    if not known:
         return Estimate()
-    middle, low, high = _interquartile(scores[:, None], RESAMPLES, rng)
-    if len(scores) == 1:
-        return Estimate(float(middle[0]))
-    return Estimate(float(middle[0]), float(low[0]), float(high[0]))
+    ends = _interquartile(np.array(known, np.float64)[:, None], RESAMPLES, rng)
+    return Estimate(*(float(end[0]) for end in ends[: 1 if len(known) == 1 else 3]))
 
 
 def band(results: Sequence[RunResult], column: str, rng: np.random.Generator) -> Band | None:
     """A column of the metrics over the steps at which every run has a value; None without any."""
-    tables = [
-        {
-            step: value
-            for step, value in zip(run.steps, run.curves[column], strict=True)
-            if value is not None
-        }
-        for run in results
-    ]
-    steps = sorted(set.intersection(*(set(table) for table in tables))) if tables else []
+    tables = [dict(zip(run.steps, run.curves[column], strict=True)) for run in results]
+    tables = [{k: v for k, v in table.items() if v is not None} for table in tables]
+    steps = sorted(set.intersection(*map(set, tables))) if tables else []
     if not steps:
         return None
     values = np.array([[table[step] for step in steps] for table in tables], np.float64)
-    middle, low, high = _interquartile(values, BAND_RESAMPLES, rng)
-    return Band(np.array(steps, np.float64), middle, low, high)
+    return Band(np.array(steps, np.float64), *_interquartile(values, BAND_RESAMPLES, rng))
 
 
 def _interquartile(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -100,17 +99,13 @@ def _result_of_run(path: Path) -> RunResult | None:
 
 def _one_configuration_each(found: Sequence[Found]) -> tuple[list[Found], list[str]]:
     """The runs of each variant's most frequent configuration, and sentences about the others."""
-    runs = Counter((result.variant, result.configuration) for _, result in found)
-    newest: dict[tuple[str, str], str] = {}
+    rank: dict[tuple[str, str], tuple[int, str]] = {}
     for _, result in found:
         key = (result.variant, result.configuration)
-        newest[key] = max(newest.get(key, ""), str(result.origin.get("started")))
-    chosen = {
-        variant: max(
-            (key for key in runs if key[0] == variant), key=lambda key: (runs[key], newest[key])
-        )[1]
-        for variant in {variant for variant, _ in runs}
-    }
+        count, newest = rank.get(key, (0, ""))
+        rank[key] = count + 1, max(newest, str(result.origin.get("started")))
+    best_first = sorted(rank, key=rank.__getitem__, reverse=True)
+    chosen = dict(reversed(best_first))  # of a variant the last one stays
     kept, others = [], []
     for path, result in found:
         own, row = result.configuration, chosen[result.variant]

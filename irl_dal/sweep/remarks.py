@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from itertools import combinations
 
@@ -18,8 +17,8 @@ from irl_dal.sweep.result import REPLAY, RunResult
 def remarks(collection: Collection, estimates: Estimates) -> list[str]:
     """The order of the variants, what there was to balance, and how interventions went."""
     sentences = [
-        _order(estimates, "success", "success", rising=True),
-        _order(estimates, "collisions_per_1k_steps", "collisions", rising=False),
+        _order(estimates, "success", "success", 1.0),
+        _order(estimates, "collisions_per_1k_steps", "collisions", -1.0),
         _balance(collection),
     ]
     for variant in collection.variants:
@@ -35,10 +34,7 @@ def remarks(collection: Collection, estimates: Estimates) -> list[str]:
 
 
 def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
-    """Share of steps with the planner on, in the first and in the last third of the mixed phase.
-
-    None where nothing was logged.
-    """
+    """Share of steps with the planner on in the first and last third of the mixed phase, if any."""
     thirds = []
     for run in runs:
         steps = np.array(run.steps)
@@ -54,10 +50,7 @@ def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
 
 
 def replay_shares(runs: Sequence[RunResult]) -> dict[Mode, float]:
-    """Share of each of the expert's states in the replay buffer, mean over training and runs.
-
-    Empty where nothing was logged.
-    """
+    """Share of each of the expert's states in the replay buffer, mean over training and runs."""
     shares = []
     for run in runs:
         columns = [run.curves.get(name, []) for name in REPLAY.values()]
@@ -76,30 +69,28 @@ def _balance(collection: Collection) -> str:
     if not shares or not collection.of("fsm_replay"):
         return ""
     rarest, *_, commonest = sorted(shares, key=shares.__getitem__)
+    least, most = (
+        f"{mode.name.lower().replace('_', ' ')} in {shares[mode]:.1%}"
+        for mode in (rarest, commonest)
+    )
     return (
-        f"{label('ppo_uniform')} draws {_words(rarest)} in {shares[rarest]:.1%} of the samples and "
-        f"{_words(commonest)} in {shares[commonest]:.1%}, mean over training; "
+        f"{label('ppo_uniform')} draws {least} of the samples and {most}, mean over training; "
         f"{label('fsm_replay')} draws each state in {1.0 / len(shares):.1%}."
     )
 
 
-def _words(mode: Mode) -> str:
-    return mode.name.lower().replace("_", " ")
-
-
-def _order(estimates: Estimates, key: str, words: str, *, rising: bool) -> str:
+def _order(estimates: Estimates, key: str, words: str, sign: float) -> str:
     """Whether the variants of the paper are in its order, each of them behind none before it."""
     names = [name for name in ORDER if name in estimates and name != "paper"]
-    sign = 1.0 if rising else -1.0
-    values = [estimates[name][key].value for name in names]
-    numbers = [math.nan if value is None else sign * value for value in values]
-    if len(names) < 2 or any(map(math.isnan, numbers)):
+    found = {name: estimates[name][key] for name in names}
+    values = {name: sign * one.value for name, one in found.items() if one.value is not None}
+    if len(names) < 2 or len(values) < len(names):
         return ""
-    wrong = []
-    for (before, one), (after, two) in combinations(zip(names, numbers, strict=True), 2):
-        if two < one:
-            apart = _apart(estimates[before][key], estimates[after][key])
-            wrong.append(f"{label(after)} behind {label(before)} ({apart})")
+    wrong = [
+        f"{label(after)} behind {label(before)} ({_apart(found[before], found[after])})"
+        for before, after in combinations(names, 2)
+        if values[after] < values[before]
+    ]
     if not wrong:
         return f"By {words} the variants are in the paper's order."
     return f"By {words} the variants are not in the paper's order: {', '.join(wrong)}."
@@ -109,6 +100,5 @@ def _apart(one: Estimate, two: Estimate) -> str:
     """Whether the intervals of two variants tell them apart."""
     if one.low is None or one.high is None or two.low is None or two.high is None:
         return "too few runs to tell"
-    if one.low <= two.high and two.low <= one.high:
-        return "their intervals overlap"
-    return "their intervals do not overlap"
+    overlap = one.low <= two.high and two.low <= one.high
+    return f"their intervals {'overlap' if overlap else 'do not overlap'}"

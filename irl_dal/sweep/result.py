@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
-from pydantic import TypeAdapter, ValidationError
+from pydantic import Field, TypeAdapter, ValidationError
 
 from expert.modes import Mode
 from irl_dal.cli.threads import one_thread
@@ -38,8 +39,6 @@ CURVES = (
 OVERLAY_SEED = 22_000
 """Episode whose path is kept, to lay the variants' paths over each other."""
 
-_DIGITS = 5  # significant digits of a curve's values: enough for a figure
-
 _ORIGIN = ("commit", "config_hash", "version", "machine", "gradient_threads", "started")
 
 
@@ -52,8 +51,7 @@ class RunResult:
         seed: Of the training.
         origin: Commit, configuration hash, version, machine, threads of a gradient step, start and
             training time [s], and the steps of the first phase.
-        evaluation: Flat report of its evaluation, as `irl_dal.evaluate` writes it, without the
-            lists of seeds.
+        evaluation: Flat report of `irl_dal.evaluate`, without the lists of seeds.
         first_seed: Of the evaluation.
         outcomes: Success of each evaluation episode.
         steps: Environment steps of the rows of `curves`.
@@ -67,7 +65,7 @@ class RunResult:
     origin: Mapping[str, Any]
     evaluation: Mapping[str, Any]
     first_seed: int
-    outcomes: tuple[bool, ...]
+    outcomes: Annotated[tuple[bool, ...], Field(min_length=1)]
     steps: list[int]
     curves: Mapping[str, list[float | None]]
     path: list[tuple[float, float]]
@@ -90,11 +88,7 @@ class RunResult:
         return tuple(str(part.get("commit")) for part in (self.origin, self.evaluation))
 
     def score(self, key: str) -> float | None:
-        """A metric of the evaluation; None where it was not measured.
-
-        Raises:
-            ConfigError: It is not a number.
-        """
+        """A metric of the evaluation; None where it was not measured."""
         value = self.evaluation.get(key)
         if value is not None and not isinstance(value, int | float):
             raise ConfigError(f"{self.name}: {key} = {value!r} is not a number")
@@ -113,36 +107,35 @@ def summarise_run(folder: RunFolder) -> RunResult | None:
     """
     if not folder.evaluation.is_file():
         return None
-    evaluation = _read(folder.evaluation)
-    started = _read(folder.path / "run.json")
+    evaluation, started = _read(folder.evaluation), _read(folder.path / "run.json")
+    damaged = folder.metrics
     try:
         rows = read_metrics(folder.metrics)
         curves = {name: [_number(row.get(name)) for row in rows] for name in CURVES}
         steps = [int(row["step"]) for row in rows]
-        seconds = [_number(row.get("time/total")) for row in rows]
-    except (OSError, ValueError, KeyError):
-        raise ConfigError(f"{folder.metrics}: is damaged") from None
-    try:
-        first_seed = int(evaluation["seeds"][0])
-        outcomes = tuple(bool(success) for success in evaluation["episode_success"])
-    except (LookupError, TypeError, ValueError):
-        raise ConfigError(f"{folder.evaluation}: is damaged") from None
-    path, arrived = _overlay(folder)
+        seconds = [value for row in rows if (value := _number(row.get("time/total")))]
+        damaged = folder.evaluation
+        first_seed = int(evaluation.pop("seeds")[0])
+        outcomes = tuple(map(bool, evaluation.pop("episode_success")))
+    except (OSError, ValueError, LookupError, TypeError):
+        raise ConfigError(f"{damaged}: is damaged") from None
+    origin = {key: started.get(key) for key in _ORIGIN}
+    origin["training_seconds"] = round(seconds[-1], 1) if seconds else None
+    origin["imitation_steps"] = folder.config.learning.imitation_steps
+    with one_thread(), closing(Rig.build(folder.config, AgentSpec("run", folder.path))) as rig:
+        episode = rig.drive(OVERLAY_SEED)
+    path = [(float(x), float(y)) for x, y in np.round(episode.pose[::2, :2], 2)]
     return RunResult(
         variant=folder.config.variant,
         seed=folder.config.seed,
-        origin={key: started.get(key) for key in _ORIGIN}
-        | {
-            "training_seconds": next((round(s, 1) for s in reversed(seconds) if s), None),
-            "imitation_steps": folder.config.learning.imitation_steps,
-        },
-        evaluation={k: v for k, v in evaluation.items() if k not in ("seeds", "episode_success")},
+        origin=origin,
+        evaluation=evaluation,
         first_seed=first_seed,
         outcomes=outcomes,
         steps=steps,
         curves=curves,
         path=path,
-        arrived=arrived,
+        arrived=episode.success,
     )
 
 
@@ -165,21 +158,9 @@ def read_result(path: Path) -> RunResult:
         result = _RESULT.validate_python(content)
     except ValidationError as error:
         raise ConfigError(f"{path}: {first_line(error)[:200]}") from None
-    if not result.outcomes or any(len(c) != len(result.steps) for c in result.curves.values()):
+    if any(len(column) != len(result.steps) for column in result.curves.values()):
         raise ConfigError(f"{path}: is damaged")
     return result
-
-
-def _overlay(folder: RunFolder) -> tuple[list[tuple[float, float]], bool]:
-    """Drive the one episode whose path is kept."""
-    with one_thread():
-        rig = Rig.build(folder.config, AgentSpec("run", folder.path))
-        try:
-            episode = rig.drive(OVERLAY_SEED)
-        finally:
-            rig.close()
-    positions = np.round(episode.pose[::2, :2], 2)
-    return [(float(x), float(y)) for x, y in positions], episode.success
 
 
 def _read(path: Path) -> dict[str, Any]:
@@ -188,7 +169,7 @@ def _read(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: {error.strerror}") from None
     except ValueError:
-        raise ConfigError(f"{path}: is damaged") from None
+        content = None
     if not isinstance(content, dict):
         raise ConfigError(f"{path}: is damaged")
     return content
@@ -197,4 +178,4 @@ def _read(path: Path) -> dict[str, Any]:
 def _number(text: str | None) -> float | None:
     """A cell of the metrics file; None where it is empty or not finite."""
     value = float(text) if text else math.nan
-    return float(f"{value:.{_DIGITS}g}") if math.isfinite(value) else None
+    return float(f"{value:.5g}") if math.isfinite(value) else None  # enough for a figure
