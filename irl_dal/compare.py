@@ -27,8 +27,7 @@ from irl_dal.storage.run_folder import open_run
 EXTENT_KEYS = frozenset(entry.name for entry in fields(ComparisonConfig))
 """Keys of the comparison's extent."""
 
-FIXED_KEYS = frozenset({"seed", "variant", "preset"})
-"""Keys that a trained run has settled."""
+FIXED_KEYS = frozenset({"seed", "variant", "preset"})  # keys that a trained run has settled
 
 COMPARED_KEYS = frozenset({"shield", "shield.enabled"}) | frozenset(
     f"planner.{name}" for name in ("enabled", "activation", "projection", "candidates")

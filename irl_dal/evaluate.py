@@ -33,8 +33,7 @@ from irl_dal.storage.run_folder import open_run
 OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out"})
 """Keys of this command beside the configuration's."""
 
-FIXED_KEYS = frozenset({"seed", "variant", "preset"})
-"""Keys that a trained run has settled."""
+FIXED_KEYS = frozenset({"seed", "variant", "preset"})  # keys that a trained run has settled
 
 
 def main() -> None:

@@ -19,7 +19,7 @@ from irl_dal.cli.command import new_console, run_command
 from irl_dal.cli.overrides import path_argument, require_writable
 from irl_dal.config import ConfigError
 from irl_dal.figures.document import write_pictures
-from irl_dal.figures.sweep_page import sweep_figures, write_sweep_page
+from irl_dal.figures.sweep import sweep_figures, write_sweep_page
 from irl_dal.storage.atomic import write_json
 from irl_dal.sweep.collection import Collection, collect
 from irl_dal.sweep.paper_table import (

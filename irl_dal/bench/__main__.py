@@ -39,8 +39,7 @@ from irl_dal.evaluation.rig import AgentSpec
 from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 
-FIRST_SEED = 20_000
-"""Seeds from here on are for reports; nothing was tuned on them."""
+FIRST_SEED = 20_000  # seeds from here on are for reports; nothing was tuned on them
 
 Parts = Iterator[RenderableType]
 Measure = Callable[[argparse.Namespace, Console], Parts]

@@ -15,8 +15,7 @@ Activation = Literal["trigger", "always", "alone"]
 """The planner plans on the trigger, always, or always and drives without the policy: then what is
 executed is the plan's own first command, not a blend."""
 
-FIRST_REPORT_SEED = 20_000
-"""Seeds from here on are for reports; nothing is tuned on them."""
+FIRST_REPORT_SEED = 20_000  # seeds from here on are for reports; nothing is tuned on them
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,16 +66,9 @@ class ComparisonConfig:
         return range(self.first_seed, self.first_seed + self.episodes)
 
 
-_COMPARISON = TypeAdapter(ComparisonConfig)
-
-
 def parse_comparison(values: Mapping[str, Any]) -> ComparisonConfig:
-    """Check what the command line says about the comparison itself.
-
-    Raises:
-        ConfigError: A value has the wrong type or is out of range; one line names key and value.
-    """
+    """What the command line says about the comparison; a ConfigError names key and value."""
     try:
-        return _COMPARISON.validate_python(dict(values))
+        return TypeAdapter(ComparisonConfig).validate_python(dict(values))
     except ValidationError as error:
         raise ConfigError(first_line(error)) from None

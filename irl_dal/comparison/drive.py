@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -27,19 +27,12 @@ PATH_STATES = 1  # states per episode from which these paths start
 
 @dataclass(frozen=True, slots=True)
 class ComparisonJob:
-    """What is compared; small enough to be sent to another process.
+    """What is compared; small enough to be sent to another process."""
 
-    Attributes:
-        config: Of the run.
-        run_dir: Its folder.
-        comparison: Extent.
-        out: Folder of the results.
-    """
-
-    config: RunConfig
+    config: RunConfig  # of the run
     run_dir: Path
     comparison: ComparisonConfig
-    out: Path
+    out: Path  # folder of the results
 
     @property
     def results(self) -> Path:
@@ -62,22 +55,15 @@ def setting_rig(
     job: ComparisonJob, setting: Setting, render_mode: str | None = None
 ) -> Iterator[Rig]:
     """The run's policy in a setting, on one thread."""
-    with one_thread():
-        rig = Rig.build(setting.configure(job.config), AgentSpec("run", job.run_dir), render_mode)
-        try:
-            yield rig
-        finally:
-            rig.close()
+    spec = AgentSpec("run", job.run_dir)
+    with one_thread(), closing(Rig.build(setting.configure(job.config), spec, render_mode)) as rig:
+        yield rig
 
 
 def drive_setting(
     job: ComparisonJob, store: ResultStore, setting: Setting, seeds: Sequence[int]
 ) -> int:
-    """Drive a setting's episodes and keep each as soon as it is over.
-
-    Returns:
-        How many were driven.
-    """
+    """Drive a setting's episodes, keep each as soon as it is over, and say how many there were."""
     with setting_rig(job, setting) as rig:
         for seed in seeds:
             record = episode_record(rig.drive(seed), job.config.limits)

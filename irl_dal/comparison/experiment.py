@@ -19,6 +19,7 @@ from joblib import Parallel, delayed
 from rich.console import Console
 
 from irl_dal.cli.overrides import require_writable
+from irl_dal.comparison.config import ComparisonConfig
 from irl_dal.comparison.drive import (
     PATH_DURATION,
     PATH_STATES,
@@ -40,10 +41,7 @@ GROUPS = ("env", "expert", "limits", "shield", "planner", "perception")
 
 
 def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any]:
-    """Drive every setting on every seed that is not known yet, and summarise all of it.
-
-    Returns:
-        All numbers, ready for JSON.
+    """Drive every setting on every seed that is not known yet, and summarise all of it for JSON.
 
     Raises:
         CheckpointError: The run has no checkpoint that can be used.
@@ -57,20 +55,16 @@ def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any
     _claim(job)
     store = result_store(job)
     seeds = list(comparison.seeds)
-    missing = _missing(
-        store, seeds, ["expert", *(f"planning/{setting.plan_label}" for setting in planning)]
-    )
-    size = _chunk(len(missing), comparison.n_jobs)
+    kinds = ["expert", *(f"planning/{setting.plan_label}" for setting in planning)]
+    missing = _missing(store, seeds, kinds)
     states = [
-        (plan_in_states, planning, missing[start : start + size])
-        for start in range(0, len(missing), size)
+        (plan_in_states, planning, part) for part in _parts(missing, len(missing), comparison)
     ]
-    size = _chunk(len(seeds) * len(settings), comparison.n_jobs)
     drives = [  # the first seeds of all settings before the next ones
         (drive_setting, setting, part)
-        for start in range(0, len(seeds), size)
+        for seeds_of_all in _parts(seeds, len(seeds) * len(settings), comparison)
         for setting in settings
-        if (part := _missing(store, seeds[start : start + size], [f"driving/{setting.name}"]))
+        if (part := _missing(store, seeds_of_all, [f"driving/{setting.name}"]))
     ]
     _work(job, store, "expert's states", states, console)
     _work(job, store, "driving", drives, console)
@@ -115,9 +109,10 @@ def _missing(store: ResultStore, seeds: Sequence[int], kinds: Sequence[str]) -> 
     return [seed for seed in seeds if any(store.get(kind, seed) is None for kind in kinds)]
 
 
-def _chunk(items: int, jobs: int) -> int:
-    """Episodes of one call: many enough to pay for the building, few enough to share out."""
-    return max(1, min(CHUNK, items // (2 * jobs)))
+def _parts(seeds: list[int], episodes: int, comparison: ComparisonConfig) -> list[list[int]]:
+    """Seeds of one call: many enough to pay for the building, few enough to share out."""
+    size = max(1, min(CHUNK, episodes // (2 * comparison.n_jobs)))
+    return [seeds[start : start + size] for start in range(0, len(seeds), size)]
 
 
 def _work(

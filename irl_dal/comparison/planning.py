@@ -42,14 +42,12 @@ def setting_planner(
 def plan_in_states(
     job: ComparisonJob, store: ResultStore, settings: Sequence[Setting], seeds: Sequence[int]
 ) -> int:
-    """Drive the expert, and plan in its risky states in every setting with the same noise.
+    """Drive the expert, plan in its risky states in every setting with the same noise.
 
-    Returns:
-        How many episodes were driven.
+    Returns how many episodes were driven.
     """
-    planners = {
-        setting: setting_planner(job, setting, job.comparison.candidates) for setting in settings
-    }
+    count = job.comparison.candidates
+    planners = {setting: setting_planner(job, setting, count) for setting in settings}
     with setting_rig(job, settings[0]) as rig:
         for seed in seeds:
             expert, contexts = risky_contexts(rig, seed)
@@ -107,26 +105,18 @@ class _Watcher(Refinement):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenoisingTrace:
-    """The clean estimates of one call of the planner.
+    """The clean estimates of one call of the planner."""
 
-    Attributes:
-        label: Name of the projection mode.
-        k: Diffusion step that each estimate belongs to (S,).
-        estimates: (S, N, H, 2) [rad, m/s].
-        plan: What came out.
-    """
-
-    label: str
-    k: NDArray[np.int64]
-    estimates: Array
-    plan: Plan
+    label: str  # name of the projection mode
+    k: NDArray[np.int64]  # diffusion step that each estimate belongs to (S,)
+    estimates: Array  # (S, N, H, 2) [rad, m/s]
+    plan: Plan  # what came out
 
 
 def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, PlanningContext]:
-    """The risky state of the comparison's first seeds in which pure diffusion errs most.
+    """Seed and risky state of the comparison's first seeds in which pure diffusion errs most.
 
-    Returns:
-        The seed and the state; where the expert met no risk, its first state's own.
+    Where the expert met no risk, its first state.
     """
     planner = setting_planner(job, setting, job.comparison.candidates)
     states: list[tuple[float, int, PlanningContext]] = []
@@ -142,8 +132,7 @@ def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, Pla
         if not states:
             seed = job.comparison.first_seed
             states.append((0.0, seed, rig.loop.reset(seed=seed)[1]["context"]))
-    _, seed, context = max(states, key=lambda entry: entry[0])
-    return seed, context
+    return max(states, key=lambda entry: entry[0])[1:]
 
 
 def trace_plan(

@@ -11,19 +11,12 @@ from irl_dal.planner import ProjectionMode
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """How the same policy and planner are supervised.
+    """How the same policy and planner are supervised."""
 
-    Attributes:
-        activation: When the planner plans.
-        projection: Where its plan is projected.
-        shielded: Whether the shield has the last word.
-        guided: Whether the energies guide the plan.
-    """
-
-    activation: Activation
-    projection: ProjectionMode
-    shielded: bool
-    guided: bool = True
+    activation: Activation  # when the planner plans
+    projection: ProjectionMode  # where its plan is projected
+    shielded: bool  # whether the shield has the last word
+    guided: bool = True  # whether the energies guide the plan
 
     @property
     def name(self) -> str:
@@ -82,9 +75,5 @@ def all_settings(comparison: ComparisonConfig, default: ProjectionMode) -> list[
 
 def planning_settings(comparison: ComparisonConfig, default: ProjectionMode) -> list[Setting]:
     """The settings that differ in how they plan, whatever is then done with the plan."""
-    first = comparison.activations[0]
-    return [
-        setting
-        for setting in all_settings(comparison, default)
-        if setting.shielded and setting.activation == first
-    ]
+    settings, first = all_settings(comparison, default), comparison.activations[0]
+    return [each for each in settings if each.shielded and each.activation == first]

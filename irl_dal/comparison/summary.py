@@ -6,6 +6,7 @@ The definition of each number stands in `irl_dal/evaluation/metrics.py`.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -34,16 +35,11 @@ def summarise(
     """
     rng = np.random.default_rng(seeds[0])
     episodes = {each: _read(store, f"driving/{each.name}", seeds) for each in settings}
-    rows = {
-        each: join_rows(entry["rows"] for entry in entries) for each, entries in episodes.items()
-    }
+    rows = {each: _rows(entries) for each, entries in episodes.items()}
     driven = {}
     for setting, entries in episodes.items():
         head: dict[str, Any] = {
-            "activation": setting.activation,
-            "projection": setting.projection,
-            "shielded": setting.shielded,
-            "guided": setting.guided,
+            **asdict(setting),
             "label": setting.label,
             "episodes": len(seeds),
             "steps": sum(entry["steps"] for entry in entries),
@@ -63,7 +59,7 @@ def summarise(
 
 
 def _read(store: ResultStore, kind: str, seeds: Sequence[int]) -> list[dict[str, Any]]:
-    entries = [store.get(kind, seed) for seed in seeds]
+    entries = (store.get(kind, seed) for seed in seeds)
     return [entry for entry in entries if entry is not None]
 
 

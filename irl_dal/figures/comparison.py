@@ -34,10 +34,9 @@ SHOWN = (
 """Numbers that get a panel."""
 
 SHORTEST_VIEW = 10.0  # [m] ahead, so that the lane can be seen around a slow plan
-
 DIGITS = 1e-9  # share of a bound below which a difference is rounding
-
 SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)  # ticks of the used share of the bounds
+DEGREE = float(np.degrees(1.0))
 
 
 def draw_numbers(results: Mapping[str, Any], activation: str) -> Figure:
@@ -98,7 +97,6 @@ def draw_denoising(
     shown = sorted({round(x) for x in np.linspace(0, len(traces[0].k) - 1, 5)})
     horizon = traces[0].estimates.shape[2]
     steps = np.arange(1, horizon + 1)
-    degree = float(np.degrees(1.0))
     with drawing(10.5, 2.5 * len(traces) + 0.5) as figure:
         grid = figure.subplots(len(traces), len(shown), sharex=True, sharey=True, squeeze=False)
         for row, trace in zip(grid, traces, strict=True):
@@ -107,14 +105,8 @@ def draw_denoising(
                 for plan in trace.estimates[index]:
                     bad = _broken(plan, context.previous, limits)
                     line = dict(color=MODE_COLOURS[trace.label], linewidth=0.9, alpha=0.75)
-                    axes.plot(steps, degree * plan[:, 0], **line)
-                    axes.plot(
-                        steps[bad],
-                        degree * plan[bad, 0],
-                        ".",
-                        color=PALETTE["violation"],
-                        markersize=4.5,
-                    )
+                    axes.plot(steps, DEGREE * plan[:, 0], **line)
+                    _mark(axes, steps[bad], DEGREE * plan[bad, 0])
             row[0].set_ylabel(f"{trace.label}\nsteering [°]")
         for axes, index in zip(grid[0], shown, strict=True):
             axes.set_title(f"k = {traces[0].k[index]}")
@@ -150,7 +142,6 @@ def draw_commands(
     drives: Sequence[tuple[str, str, Episode]], limits: ActuatorLimits, duration: float
 ) -> Figure:
     """Steering, speed and used share of the bounds over `duration` [s], a column per drive."""
-    degree = float(np.degrees(1.0))
     with drawing(10.5, 6.2) as figure:
         grid = figure.subplots(3, len(drives), sharex=True, sharey="row", squeeze=False)
         for column, (label, mode, episode) in zip(grid.T, drives, strict=True):
@@ -159,15 +150,14 @@ def draw_commands(
             done, before = episode.executed_command[:count], episode.previous_command[:count]
             pairs = zip(done, before, strict=True)
             bad = np.array([limits.violated(*pair) for pair in pairs])
-            for axes, values in ((column[0], degree * done[:, 0]), (column[1], done[:, 1])):
-                axes.plot(time, values, color=MODE_COLOURS[mode], linewidth=1.3)
-                axes.plot(time[bad], values[bad], ".", color=PALETTE["violation"], markersize=4.0)
             used = _used(done, before, limits)
-            column[2].plot(time, used, color=MODE_COLOURS[mode], linewidth=1.1)
-            column[2].plot(time[bad], used[bad], ".", color=PALETTE["violation"], markersize=4.0)
+            curves = (DEGREE * done[:, 0], 1.3), (done[:, 1], 1.3), (used, 1.1)
+            for axes, (values, width) in zip(column, curves, strict=True):
+                axes.plot(time, values, color=MODE_COLOURS[mode], linewidth=width)
+                _mark(axes, time[bad], values[bad])
             column[0].set_title(f"{label}: {int(bad.sum())} of {count} commands out of bounds")
             column[2].set_xlabel("time [s]")
-        _lines(grid[0], degree * limits.low[0], degree * limits.high[0])
+        _lines(grid[0], DEGREE * limits.low[0], DEGREE * limits.high[0])
         _lines(grid[1], limits.low[1], limits.high[1])
         _lines(grid[2], 1.0)
         grid[2, 0].set_yscale("symlog", linthresh=2.0)
@@ -177,6 +167,11 @@ def draw_commands(
         for axes, name in zip(grid[:, 0], names, strict=True):
             axes.set_ylabel(name)
     return figure
+
+
+def _mark(axes: Axes, x: Array, y: Array) -> None:
+    """Dots where a command breaks a bound."""
+    axes.plot(x, y, ".", color=PALETTE["violation"], markersize=4.0)
 
 
 def _used(done: Array, before: Array, limits: ActuatorLimits) -> Array:
@@ -212,12 +207,11 @@ def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:
 
 def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> None:
     """Steering that box and rate leave over the plan."""
-    degree = float(np.degrees(1.0))
     steps = np.arange(horizon + 1)
     reach = float(limits.max_increase[0]) * steps
     low = np.maximum(steering - reach, limits.low[0])
     high = np.minimum(steering + reach, limits.high[0])
-    axes.fill_between(steps, degree * low, degree * high, color=GREY, alpha=0.22, linewidth=0.0)
+    axes.fill_between(steps, DEGREE * low, DEGREE * high, color=GREY, alpha=0.22, linewidth=0.0)
 
 
 def _lines(row: Sequence[Axes], *values: float) -> None:

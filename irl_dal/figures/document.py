@@ -16,14 +16,7 @@ from irl_dal.figures.table import NumberTable
 
 @dataclass(frozen=True, slots=True)
 class FigureWithCaption:
-    """A figure on a page.
-
-    Attributes:
-        name: Of its element and of its file.
-        figure: Drawn with `drawing`.
-        title: Above it.
-        caption: Below it.
-    """
+    """A figure on a page, drawn with `drawing`; `name` is that of its element and of its file."""
 
     name: str
     figure: Figure

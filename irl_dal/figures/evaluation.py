@@ -52,15 +52,9 @@ _PANELS = (
 
 
 def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
-    """Draw every panel on its own and all of them in one picture.
+    """Draw every panel of a run's `metrics.csv` on its own and all of them in one picture.
 
-    Args:
-        metrics: A run's `metrics.csv`.
-        folder: Where the PNG files go.
-        boundary: Step at which the second phase begins.
-
-    Returns:
-        The files written.
+    The second phase begins at the step `boundary`. Returns the PNG files written into `folder`.
     """
     rows = read_metrics(metrics)
     folder.mkdir(parents=True, exist_ok=True)

@@ -20,11 +20,7 @@ from irl_dal.storage.run_folder import RunFolder
 
 
 def show_run(folder: RunFolder, console: Console) -> None:
-    """Evaluate a trained run, write and print the numbers, draw its figures and its film.
-
-    Raises:
-        CheckpointError: The run has no checkpoint that can be used.
-    """
+    """Evaluate a trained run, write and print the numbers, draw its figures and its film."""
     config, spec = folder.config, AgentSpec("run", folder.path)
     evaluation = evaluate(config, spec, folder.path.parent, console)
     write_json(folder.evaluation, evaluation.report)

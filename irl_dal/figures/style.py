@@ -76,9 +76,6 @@ _LOOK: dict[Any, Any] = {
     "svg.fonttype": "none",
 }
 
-_PNG = 130
-"""Resolution of pictures [dots per inch]."""
-
 
 @contextmanager
 def drawing(width: float, height: float) -> Iterator[Figure]:
@@ -88,12 +85,7 @@ def drawing(width: float, height: float) -> Iterator[Figure]:
 
 
 def to_svg(figure: Figure, name: str) -> str:
-    """A figure as an SVG element.
-
-    Args:
-        figure: Drawn with `drawing`.
-        name: Keeps its identifiers apart from those of other figures of the page.
-    """
+    """A figure as an SVG element; `name` keeps its identifiers apart from other figures'."""
     buffer = io.StringIO()
     with rc_context({**_LOOK, "svg.hashsalt": name}):
         FigureCanvasSVG(figure).print_svg(buffer, metadata={"Date": None, "Creator": None})
@@ -103,4 +95,4 @@ def to_svg(figure: Figure, name: str) -> str:
 
 def picture(figure: Figure, path: str) -> None:
     """Write a figure as a PNG file on white."""
-    figure.savefig(path, dpi=_PNG, facecolor="white")
+    figure.savefig(path, dpi=130, facecolor="white")

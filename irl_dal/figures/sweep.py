@@ -1,8 +1,10 @@
-"""The figures of a report: training dynamics, the table as dots, and paths through one curve."""
+"""The page of a report: training dynamics, the table as dots, paths through one curve, origins."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import closing
+from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -13,10 +15,14 @@ from numpy.typing import NDArray
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
 from irl_dal.evaluation.statistics import Estimate
+from irl_dal.figures.document import FigureWithCaption, render_page
 from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
+from irl_dal.figures.table import Cell, NumberTable
+from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.across_runs import band
 from irl_dal.sweep.collection import Collection
-from irl_dal.sweep.paper_table import COLUMNS, Estimates, label
+from irl_dal.sweep.paper_table import COLUMNS, Estimates, label, paper_table
+from irl_dal.sweep.remarks import remarks
 from irl_dal.sweep.result import OVERLAY_SEED
 
 Array = NDArray[np.float64]
@@ -27,17 +33,86 @@ _PANELS = (
     ("rollout/intervention_rate", "Interventions: steps with the planner on", True),
 )
 
-_VIEW = 55.0, 28.0
-"""How far around the sharpest bend the overlay reaches, across and up [m]."""
+_VIEW = 55.0, 28.0  # how far around the sharpest bend the overlay reaches, across and up [m]
 
 
-def draw_dynamics(collection: Collection, rng: np.random.Generator) -> Figure:
+def sweep_figures(
+    collection: Collection, estimates: Estimates, rng: np.random.Generator
+) -> list[FigureWithCaption]:
+    """Draw everything that a report shows."""
+    return [
+        FigureWithCaption(
+            "scores",
+            _draw_scores(collection, estimates),
+            "Every number of the table",
+            "Diamonds: interquartile mean over the runs; bars: 95 % stratified bootstrap interval; "
+            "dots: single runs.",
+        ),
+        FigureWithCaption(
+            "dynamics",
+            _draw_dynamics(collection, rng),
+            "Training dynamics",
+            "Interquartile mean and 95 % interval over the runs, running mean of five rows. "
+            "Dashed: the policy begins to drive.",
+        ),
+        FigureWithCaption(
+            "overlay",
+            _draw_overlay(collection),
+            "One bend, every variant",
+            "The first run of each variant in the same episode; a cross where a drive ended early.",
+        ),
+    ]
+
+
+def write_sweep_page(
+    path: Path,
+    collection: Collection,
+    estimates: Estimates,
+    figures: Sequence[FigureWithCaption],
+) -> None:
+    """Write tables and figures as one HTML file."""
+    page = render_page(
+        "The paper's table, ours beside it",
+        remarks(collection, estimates),
+        [paper_table(collection, estimates)],
+        figures,
+        [_runs(collection)],
+    )
+    write_text(path, page)
+
+
+def _runs(collection: Collection) -> NumberTable:
+    """Every run with its origin."""
+    headings = ["success [%]", "training [min]", "configuration", "commit", "machine"]
+    rows = []
+    for run in collection.results:
+        seconds = run.origin.get("training_seconds")
+        cells = [
+            COLUMNS[0].text(run.score("success")),
+            f"{seconds / 60.0:.1f}" if isinstance(seconds, int | float) else "–",
+            run.configuration,
+            str(run.origin.get("commit") or "unknown")[:10],
+            str(run.origin.get("machine")),
+        ]
+        rows.append((run.name, VARIANT_COLOURS.get(run.variant, GREY), list(map(Cell, cells))))
+    return NumberTable("The runs", headings, rows)
+
+
+def _draw_dynamics(collection: Collection, rng: np.random.Generator) -> Figure:
     """Return, cloning loss and interventions over the training, bands over the runs."""
     with drawing(10.5, 8.4) as figure:
         axes = figure.subplots(len(_PANELS), 1, sharex=True)
         for one, (column, title, percent) in zip(axes, _PANELS, strict=True):
             for variant in collection.variants:
-                _curve(one, collection, variant, column, rng)
+                runs = collection.of(variant)
+                curve = band(runs, column, rng)
+                if curve is None:
+                    continue
+                colour = VARIANT_COLOURS.get(variant, GREY)
+                words = f"{label(variant)}, {len(runs)} run{'s' * (len(runs) > 1)}"
+                middle, low, high = map(_smoothed, (curve.middle, curve.low, curve.high))
+                one.plot(curve.steps, middle, color=colour, linewidth=1.8, label=words)
+                one.fill_between(curve.steps, low, high, color=colour, alpha=0.15, linewidth=0.0)
             one.set_title(title)
             if percent:
                 one.yaxis.set_major_formatter(PercentFormatter(1.0))
@@ -52,7 +127,7 @@ def draw_dynamics(collection: Collection, rng: np.random.Generator) -> Figure:
     return figure
 
 
-def draw_scores(collection: Collection, estimates: Estimates) -> Figure:
+def _draw_scores(collection: Collection, estimates: Estimates) -> Figure:
     """Every column of the table: interquartile means with intervals, each run a small dot."""
     variants = collection.variants[::-1]
     with drawing(10.5, 4.6) as figure:
@@ -68,14 +143,11 @@ def draw_scores(collection: Collection, estimates: Estimates) -> Figure:
     return figure
 
 
-def draw_overlay(collection: Collection) -> Figure:
+def _draw_overlay(collection: Collection) -> Figure:
     """The first run of each variant in the sharpest bend of the same episode."""
-    env = CityEnv(CityConfig())
-    try:
+    with closing(CityEnv(CityConfig())) as env:
         env.reset(seed=OVERLAY_SEED)
         road = env.scene().road
-    finally:
-        env.close()
     with drawing(10.5, 6.4) as figure:
         axes = figure.subplots()
         axes.grid(visible=False)
@@ -93,20 +165,6 @@ def draw_overlay(collection: Collection) -> Figure:
         axes.set_ylim(middle[1] - _VIEW[1], middle[1] + _VIEW[1])
         figure.legend(loc="outside lower center", ncols=3)
     return figure
-
-
-def _curve(
-    axes: Axes, collection: Collection, variant: str, column: str, rng: np.random.Generator
-) -> None:
-    curve = band(collection.of(variant), column, rng)
-    if curve is None:
-        return
-    colour = VARIANT_COLOURS.get(variant, GREY)
-    runs = len(collection.of(variant))
-    words = f"{label(variant)}, {runs} run{'s' * (runs > 1)}"
-    smooth = [_smoothed(values) for values in (curve.middle, curve.low, curve.high)]
-    axes.plot(curve.steps, smooth[0], color=colour, linewidth=1.8, label=words)
-    axes.fill_between(curve.steps, smooth[1], smooth[2], color=colour, alpha=0.15, linewidth=0.0)
 
 
 def _smoothed(values: Array, width: int = 5) -> Array:

@@ -13,25 +13,15 @@ from rich.text import Text
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """How a metric is printed.
+    """How a metric is printed."""
 
-    Attributes:
-        key: Name of the metric in the JSON files.
-        title: Above the column.
-        unit: Behind the title; "%" prints a fraction times 100.
-        digits: After the point.
-        better: Whether more (1) or less (-1) is better; 0 for neither.
-        short: Title where there is little room, "" for the same.
-        paper: What the paper's Table I prints for each variant.
-    """
-
-    key: str
+    key: str  # name in the JSON files
     title: str
-    unit: str = ""
-    digits: int = 2
-    better: int = 0
-    short: str = ""
-    paper: Mapping[str, str] = field(default_factory=dict)
+    unit: str = ""  # behind the title; "%" prints a fraction times 100
+    digits: int = 2  # after the point
+    better: int = 0  # whether more (1) or less (-1) is better; 0 for neither
+    short: str = ""  # title where there is little room, "" for the same
+    paper: Mapping[str, str] = field(default_factory=dict)  # by variant, as in its Table I
 
     @property
     def heading(self) -> str:
@@ -64,40 +54,26 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Cell:
-    """A number as it is shown.
-
-    Attributes:
-        text: The number.
-        below: Smaller numbers under it, one per label in the table's `below`; "" for none.
-        hint: Shown on a page when the pointer rests on it.
-        mark: `zero` or `hot` colours it on a page, "" does not.
-    """
+    """A number as it is shown."""
 
     text: str
-    below: tuple[str, ...] = ()
-    hint: str = ""
-    mark: str = ""
+    below: tuple[
+        str, ...
+    ] = ()  # smaller numbers, one per label in the table's `below`, "" for none
+    hint: str = ""  # shown on a page when the pointer rests on it
+    mark: str = ""  # `zero` or `hot` colours it on a page
 
 
 @dataclass(frozen=True, slots=True)
 class NumberTable:
-    """A table for the terminal, for a page and for Markdown.
-
-    Attributes:
-        title: Above it.
-        headings: Of the columns behind the labels.
-        rows: Label, its colour on a page ("" for none) and cells.
-        caption: Below it on a page.
-        below: What the numbers under a cell's number are.
-        short: Headings for the terminal, where they differ.
-    """
+    """A table for the terminal, for a page and for Markdown."""
 
     title: str
-    headings: Sequence[str]
-    rows: Sequence[tuple[str, str, Sequence[Cell]]]
-    caption: str = ""
-    below: Sequence[str] = ()
-    short: Sequence[str] = ()
+    headings: Sequence[str]  # of the columns behind the labels
+    rows: Sequence[tuple[str, str, Sequence[Cell]]]  # label, its colour on a page or "", cells
+    caption: str = ""  # below it on a page
+    below: Sequence[str] = ()  # what the numbers under a cell's number are
+    short: Sequence[str] = ()  # headings for the terminal, where they differ
 
     def printed(self, columns: Sequence[int] | None = None, title: str | None = None) -> Table:
         """For the terminal."""
@@ -115,38 +91,35 @@ class NumberTable:
 
     def markdown(self) -> str:
         """For Markdown: the first smaller number in brackets, the others in rows of their own."""
-        lines = [["", *self.headings], ["---"] * (len(self.headings) + 1)]
+        lines = [["", *self.headings]]
         for label, _, cells in self.rows:
-            first = [next(iter(cell.below), "") for cell in cells]
-            numbers = [
-                f"{cell.text} ({below})" if below else cell.text
-                for cell, below in zip(cells, first, strict=True)
-            ]
-            lines.append([label, *numbers])
-            for line, name in list(enumerate(self.below))[1:]:
-                others = [cell.below[line] for cell in cells]
+            line = [label]
+            for cell in cells:
+                first = next(iter(cell.below), "")
+                line.append(f"{cell.text} ({first})" if first else cell.text)
+            lines.append(line)
+            for place, name in list(enumerate(self.below))[1:]:
+                others = [cell.below[place] for cell in cells]
                 if any(others):
                     lines.append([f"*{name}*", *others])
-        head, rule, *body = lines
-        return "\n".join(
-            [f"| {' | '.join(head)} |".replace("|  |", "| |"), f"|{'|'.join(rule)}|"]
-            + [f"| {' | '.join(line)} |" for line in body]
-        )
+        head, *body = (f"| {' | '.join(line)} |" for line in lines)
+        return "\n".join([head.replace("|  |", "| |"), "|---" * len(lines[0]) + "|", *body])
 
 
 def terminal_table(title: str, headings: Sequence[str], rows: Iterable[Sequence[str]]) -> Table:
     """A table for the terminal; the first column is left-aligned and never wrapped."""
     rows = [list(row) for row in rows]
-    table = Table(
-        title=Text(title) if title else None, title_justify="left", box=SIMPLE_HEAD, padding=0,
-        pad_edge=False,
-    )  # fmt: skip
+    shown = Text(title) if title else None
+    table = Table(title=shown, title_justify="left", box=SIMPLE_HEAD, padding=0, pad_edge=False)
     for place, heading in enumerate(headings):
-        widest = max(map(len, [*heading.split(), *(row[place] for row in rows)]), default=0)
-        if place == 0:
-            table.add_column(Text(heading), no_wrap=True)
-        else:
-            table.add_column(Text(heading), justify="right", min_width=widest)
+        words = [*heading.split(), *(row[place] for row in rows)]
+        widest = max(map(len, words), default=0) if place else None
+        table.add_column(
+            Text(heading),
+            justify="right" if place else "left",
+            no_wrap=not place,
+            min_width=widest,
+        )
     for row in rows:
         table.add_row(*(Text(cell) for cell in row))
     return table

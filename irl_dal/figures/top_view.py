@@ -13,16 +13,11 @@ from irl_dal.envs import Scene
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH
 from irl_dal.envs.vehicle import VehicleState
 from irl_dal.figures.style import PALETTE
-from shield import VehicleGeometry
 
 Array = NDArray[np.float64]
 
-AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0
-"""What the view covers around the rear axle [m]."""
-
-SPACING = 1.0
-"""Between two points of a drawn road line [m]."""
-
+AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0  # what the view covers around the rear axle [m]
+SPACING = 1.0  # between two points of a drawn road line [m]
 LINES = {
     -HALF_WIDTH: ("edge", 1.5, "-"),
     HALF_WIDTH: ("edge", 1.5, "-"),
@@ -34,12 +29,7 @@ LINES = {
 
 
 class TopView:
-    """Everything that moves in the view, made once and then only moved.
-
-    Args:
-        axes: Where to draw.
-        lidar_range: Reading of a beam that hits nothing [m].
-    """
+    """Everything that moves in the view; a LiDAR beam that hits nothing reads `lidar_range` [m]."""
 
     def __init__(self, axes: Axes, lidar_range: float) -> None:
         self._lidar_range = lidar_range
@@ -75,16 +65,18 @@ class TopView:
         """
         vehicle = scene.vehicle
         self._move_road(scene)
-        outlines: dict[str, list[Array]] = {"barrel": [], "obstacle": []}
+        geometry = scene.geometry
+        rear, front = -geometry.rear_overhang, geometry.front_bumper
+        own = _corners(vehicle.x, vehicle.y, vehicle.yaw, rear, front, geometry.width)
+        outlines: dict[str, list[Array]] = {"barrel": [], "obstacle": [], "car": [own]}
         for obstacle in scene.obstacles:
             x, y, yaw = scene.road.pose(obstacle.s, obstacle.d)
             length, width, _ = obstacle.size
             corners = _corners(x, y, yaw, -0.5 * length, 0.5 * length, width)
             kind = "barrel" if obstacle.kind == "barrel" else "obstacle"
-            outlines[kind].append(_in_view(vehicle, corners))
+            outlines[kind].append(corners)
         for kind, shapes in outlines.items():
-            self._shapes[kind].set_verts(shapes)
-        self._shapes["car"].set_verts([_in_view(vehicle, _ego_corners(vehicle, scene.geometry))])
+            self._shapes[kind].set_verts([_in_view(vehicle, shape) for shape in shapes])
         self._trail.set_data(*_in_view(vehicle, trail).T)
         self._plan.set_data(*_in_view(vehicle, np.empty((0, 2)) if plan is None else plan).T)
         hit = scene.scan < self._lidar_range
@@ -117,11 +109,6 @@ def _in_view(vehicle: VehicleState, points: Array) -> Array:
     offset = points - (vehicle.x, vehicle.y)
     cos, sin = np.cos(vehicle.yaw), np.sin(vehicle.yaw)
     return np.asarray(offset @ np.array([[sin, cos], [-cos, sin]]))
-
-
-def _ego_corners(vehicle: VehicleState, geometry: VehicleGeometry) -> Array:
-    rear, front = -geometry.rear_overhang, geometry.front_bumper
-    return _corners(vehicle.x, vehicle.y, vehicle.yaw, rear, front, geometry.width)
 
 
 def _corners(x: float, y: float, yaw: float, rear: float, front: float, width: float) -> Array:

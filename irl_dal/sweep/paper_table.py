@@ -17,8 +17,7 @@ from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.across_runs import across_runs
 from irl_dal.sweep.collection import Collection
 
-Estimates = Mapping[str, Mapping[str, Estimate]]
-"""By variant and metric."""
+Estimates = Mapping[str, Mapping[str, Estimate]]  # by variant and metric
 
 LABELS = {
     "ppo_uniform": "PPO, uniform replay",
@@ -30,8 +29,7 @@ LABELS = {
 }
 """Words for the variants."""
 
-PAPER_RUNS = "10"
-"""Runs behind each number of the paper's Table I."""
+PAPER_RUNS = "10"  # runs behind each number of the paper's Table I
 
 
 def _printed(*values: str) -> dict[str, str]:

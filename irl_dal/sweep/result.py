@@ -21,8 +21,7 @@ from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
 
-FORMAT = 1
-"""Raised whenever this version could misread the files of an older one."""
+FORMAT = 1  # raised whenever this version could misread the files of an older one
 
 REPLAY = {mode: f"replay/{mode.name.lower()}" for mode in Mode}
 """Columns with the transitions that the replay buffer holds of each state of the expert."""
@@ -36,8 +35,7 @@ CURVES = (
 )
 """Columns of a run's metrics that a result keeps."""
 
-OVERLAY_SEED = 22_000
-"""Episode whose path is kept, to lay the variants' paths over each other."""
+OVERLAY_SEED = 22_000  # episode whose path is kept, to lay the variants' paths over each other
 
 _ORIGIN = ("commit", "config_hash", "version", "machine", "gradient_threads", "started")
 
