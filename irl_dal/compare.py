@@ -15,10 +15,10 @@ from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.cli.command import new_console, run_command
 from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
-from irl_dal.comparison.columns import comparison_tables
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
 from irl_dal.comparison.drive import ComparisonJob
 from irl_dal.comparison.experiment import compare
+from irl_dal.comparison.presentation import comparison_tables
 from irl_dal.config import ConfigError, parse
 from irl_dal.figures.comparison_page import write_comparison_page
 from irl_dal.storage.atomic import write_json

@@ -26,8 +26,7 @@ from typing import NoReturn
 from rich.console import Console, RenderableType
 
 from irl_dal.bench.car import car_tables
-from irl_dal.bench.drive import drives, outcome_table
-from irl_dal.bench.lane import lane_table
+from irl_dal.bench.drive import drives, lane_table, outcome_table
 from irl_dal.bench.learning import learning_tables
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import speed_tables

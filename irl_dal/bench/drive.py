@@ -1,4 +1,4 @@
-"""Drives with everything that a benchmark of the city looks at."""
+"""Drives for the benchmarks of the city: how they end, and the lane measurement in them."""
 
 from __future__ import annotations
 
@@ -98,3 +98,44 @@ def _row(info: Mapping[str, Any]) -> tuple[float, float, float, float]:
     measurement, lane = info["lane_measurement"], info["lane"]
     measured = float("nan") if measurement is None else measurement.lateral_offset
     return info["lateral_offset"], measured, lane.lateral_offset, lane.valid
+
+
+DAY = 0.5  # brightness from which it is day
+WRONG = 0.8  # [m] error beyond which a valid estimate is confidently wrong
+
+_FORMATS = {
+    "episodes": "{:.0f}",
+    "RMSE measured [m]": "{:.3f}",
+    "RMSE after tracking [m]": "{:.3f}",
+    "steps with a measurement": "{:.2%}",
+    "steps with a valid estimate": "{:.2%}",
+    "confidently wrong": "{:.3%}",
+}
+
+
+def lane_numbers(drives: Sequence[Drive]) -> dict[str, float]:
+    """RMSE of the lateral offset, validity, and how often a valid one errs by more than `WRONG`."""
+    offset = np.concatenate([drive.offset for drive in drives])
+    measured = np.concatenate([drive.measured for drive in drives]) - offset
+    tracked = np.concatenate([drive.tracked for drive in drives]) - offset
+    valid = np.concatenate([drive.valid for drive in drives])
+    seen = np.isfinite(measured)
+    wrong = valid & (np.abs(tracked) > WRONG)
+    rmse = (float(np.sqrt(np.mean(error**2))) for error in (measured[seen], tracked[valid]))
+    shares = (float(share.mean()) for share in (seen, valid, wrong))
+    return dict(zip(_FORMATS, (float(len(drives)), *rmse, *shares), strict=True))
+
+
+def lane_table(drives: Sequence[Drive]) -> Table:
+    """The numbers by day, in the dark and together."""
+    groups = {
+        "day": [drive for drive in drives if drive.brightness >= DAY],
+        "dark": [drive for drive in drives if drive.brightness < DAY],
+        "all": list(drives),
+    }
+    columns = {name: lane_numbers(group) for name, group in groups.items() if group}
+    rows = [
+        [title, *(form.format(numbers[title]) for numbers in columns.values())]
+        for title, form in _FORMATS.items()
+    ]
+    return terminal_table("lateral offset against the truth", ["", *columns], rows)

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irl_dal.cli.threads import one_thread
 from irl_dal.comparison.config import ComparisonConfig
@@ -16,10 +15,8 @@ from irl_dal.comparison.settings import Setting
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.metrics import episode_record, path_rows
 from irl_dal.evaluation.rig import AgentSpec, Rig
-from irl_dal.evaluation.rollout import compare_paths, spread_steps
+from irl_dal.evaluation.rollout import compare_paths, stretches
 from irl_dal.storage.result_store import ResultStore
-
-Array = NDArray[np.float64]
 
 PATH_DURATION = 5.0  # [s] of the paths behind ADE and FDE, as in an evaluation
 PATH_STATES = 1  # states per episode from which these paths start
@@ -64,25 +61,17 @@ def drive_setting(
     job: ComparisonJob, store: ResultStore, setting: Setting, seeds: Sequence[int]
 ) -> int:
     """Drive a setting's episodes, keep each as soon as it is over, and say how many there were."""
+    horizon = max(1, round(PATH_DURATION / job.config.limits.dt))
     with setting_rig(job, setting) as rig:
         for seed in seeds:
             record = episode_record(rig.drive(seed), job.config.limits)
-            distances = [
-                compare_paths(rig.loop, rig.reference, rig.agent, seed, step, pose)
-                for step, pose in _stretches(job, store, seed)
+            expert = store.get("expert", seed)
+            assert expert is not None
+            poses, rng = {seed: np.array(expert["pose"])}, np.random.default_rng(seed)
+            distances = [  # from the same states in every setting
+                compare_paths(rig.loop, rig.reference, rig.agent, *stretch)
+                for stretch in stretches(poses, PATH_STATES, horizon, rng)
             ]
             record["rows"] |= path_rows(distances)
             store.put(f"driving/{setting.name}", seed, record)
     return len(seeds)
-
-
-def _stretches(job: ComparisonJob, store: ResultStore, seed: int) -> Iterator[tuple[int, Array]]:
-    """Where a path is compared with the expert's, the same in every setting."""
-    expert = store.get("expert", seed)
-    assert expert is not None
-    pose = np.array(expert["pose"])
-    horizon = max(1, round(PATH_DURATION / job.config.limits.dt))
-    rng = np.random.default_rng(seed)
-    (steps,) = spread_steps([len(pose) - 1], PATH_STATES, horizon, rng)
-    for step in steps:
-        yield step, pose[step : step + 1 + horizon]

@@ -118,6 +118,18 @@ def spread_steps(
     return steps
 
 
+def stretches(
+    drives: Mapping[int, Array], states: int, horizon: int, rng: np.random.Generator
+) -> list[tuple[int, int, Array]]:
+    """States of the expert's drives (seed: poses) to compare paths from: seed, step, pose."""
+    steps = spread_steps([len(pose) - 1 for pose in drives.values()], states, horizon, rng)
+    return [
+        (seed, step, pose[step : step + 1 + horizon])
+        for (seed, pose), chosen in zip(drives.items(), steps, strict=True)
+        for step in chosen
+    ]
+
+
 def _restore(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int, step: int
 ) -> tuple[Observation, dict[str, Any]]:

@@ -14,7 +14,7 @@ from irl_dal.cli.threads import one_thread
 from irl_dal.config import RunConfig, to_mapping
 from irl_dal.evaluation.metrics import Value, compute_metrics
 from irl_dal.evaluation.rig import AgentSpec, Rig
-from irl_dal.evaluation.rollout import Array, spread_steps
+from irl_dal.evaluation.rollout import stretches
 from irl_dal.evaluation.workers import Workers
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key
@@ -88,8 +88,11 @@ def _measure(
         [entry["return"] for entry in workers.map(f"{driver} return", work, seeds, references)]
         for driver, work in (("random", Rig.random_return), ("expert", Rig.expert_return))
     ]
-    stretches = _stretches(config, probes)
-    paths = workers.map("paths", Rig.path, stretches, kept, lambda item: f"{item[0]}-{item[1]}")
+    horizon = max(1, round(PATH_DURATION / config.limits.dt))
+    starts = np.random.default_rng(extent.first_seed)
+    drives = {probe["seed"]: np.array(probe["pose"]) for probe in probes}
+    parts = stretches(drives, extent.path_states, horizon, starts)
+    paths = workers.map("paths", Rig.path, parts, kept, lambda item: f"{item[0]}-{item[1]}")
     report = compute_metrics(
         episodes,
         np.random.default_rng(extent.first_seed),
@@ -98,19 +101,6 @@ def _measure(
         distances=[path["distances"] for path in paths],
     )
     return episodes, report
-
-
-def _stretches(config: RunConfig, probes: list[dict[str, Any]]) -> list[tuple[int, int, Array]]:
-    """States along held-out expert episodes from which paths are compared: seed, step, pose."""
-    horizon = max(1, round(PATH_DURATION / config.limits.dt))
-    rng = np.random.default_rng(config.evaluation.first_seed)
-    lengths = [len(probe["pose"]) - 1 for probe in probes]
-    steps = spread_steps(lengths, config.evaluation.path_states, horizon, rng)
-    return [
-        (probe["seed"], step, np.array(probe["pose"][step : step + 1 + horizon]))
-        for probe, chosen in zip(probes, steps, strict=True)
-        for step in chosen
-    ]
 
 
 def _unfinished(config: RunConfig, spec: AgentSpec, runs: Path) -> ResultStore:

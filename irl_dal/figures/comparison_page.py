@@ -1,4 +1,4 @@
-"""The page of a comparison."""
+"""The page of a comparison: numbers with intervals, a plan being denoised, commands in bounds."""
 
 from __future__ import annotations
 
@@ -7,22 +7,33 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from irl_dal.comparison.columns import ACTIVATIONS, comparison_tables
-from irl_dal.comparison.conclusions import best_projection, conclusions
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
 from irl_dal.comparison.drive import ComparisonJob, setting_rig
-from irl_dal.comparison.planning import most_violating_state, trace_plan
-from irl_dal.comparison.settings import Setting
-from irl_dal.figures.comparison import (
-    draw_commands,
-    draw_denoising,
-    draw_differences,
-    draw_numbers,
-    draw_paths,
+from irl_dal.comparison.planning import DenoisingTrace, most_violating_state, trace_plan
+from irl_dal.comparison.presentation import (
+    ACTIVATIONS,
+    RIDE_COLUMNS,
+    SAFETY_COLUMNS,
+    best_projection,
+    comparison_tables,
+    conclusions,
 )
+from irl_dal.comparison.settings import Setting
+from irl_dal.envs.road import LANE_WIDTH
+from irl_dal.evaluation.episode import Episode
 from irl_dal.figures.comparison_film import film_pair, record_drive
 from irl_dal.figures.document import FigureWithCaption, render_page, write_pictures
-from irl_dal.figures.table import Cell, NumberTable
+from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, drawing
+from irl_dal.figures.table import Cell, Column, NumberTable
+from irl_dal.planner import PlanningContext
+from irl_dal.planner.energy.clearance import scan_points
+from irl_dal.planner.rollout import ego_rollout
 from irl_dal.storage.atomic import write_text
+from shield import ActuatorLimits
 
 
 def write_comparison_page(job: ComparisonJob, results: Mapping[str, Any]) -> None:
@@ -83,7 +94,7 @@ def _command_figure(job: ComparisonJob, results: Mapping[str, Any]) -> FigureWit
     film_pair(job.film, halves, 1.0 / job.config.limits.dt)
     return FigureWithCaption(
         "commands",
-        draw_commands(drives, job.config.limits, extent.film_duration),
+        _draw_commands(drives, job.config.limits, extent.film_duration),
         "Steering and speed against their bounds",
         f"The drives of the film, {ACTIVATIONS[activation]}. Dashed: bounds. Red dots: executed "
         "commands that break one. Below: how much of the nearest rate or lateral bound a command "
@@ -103,7 +114,7 @@ def _plan_figures(job: ComparisonJob, results: Mapping[str, Any]) -> list[Figure
     return [
         FigureWithCaption(
             "denoising",
-            draw_denoising(traces, context, limits),
+            _draw_denoising(traces, context, limits),
             "One plan being denoised, without and with projection",
             f"{state} Each line is the clean estimate of one plan at diffusion step k, after "
             "guidance and projection. Shaded: what box and rate leave from the last executed "
@@ -111,7 +122,7 @@ def _plan_figures(job: ComparisonJob, results: Mapping[str, Any]) -> list[Figure
         ),
         FigureWithCaption(
             "paths",
-            draw_paths(traces, context, limits),
+            _draw_paths(traces, context, limits),
             "Where these plans lead",
             "From above, the rear axle at (0, 0); grey dots are LiDAR returns.",
         ),
@@ -126,17 +137,217 @@ def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
         figures += [
             FigureWithCaption(
                 f"numbers_{activation}",
-                draw_numbers(results, activation),
+                _draw_numbers(results, activation),
                 f"The settings side by side, {words}",
                 "Dots: values. Bars: 95 % bootstrap intervals over episodes. Filled: with the "
                 "shield; hollow: without.",
             ),
             FigureWithCaption(
                 f"differences_{activation}",
-                draw_differences(results, activation),
+                _draw_differences(results, activation),
                 f"Paired differences from pure diffusion, {words}",
                 "Each setting minus mode none without a shield, on the same seeds. A bar that does "
                 "not touch zero is a difference at 95 %.",
             ),
         ]
     return figures
+
+
+Array = NDArray[np.float64]
+
+SHOWN = (
+    "command_violation_rate",
+    "success",
+    "collisions_per_1k_steps",
+    "correction_norm",
+    "comfort_rms_jerk",
+    "ade_m",
+)
+"""Numbers that get a panel."""
+
+SHORTEST_VIEW = 10.0  # [m] ahead, so that the lane can be seen around a slow plan
+DIGITS = 1e-9  # share of a bound below which a difference is rounding
+SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)  # ticks of the used share of the bounds
+DEGREE = float(np.degrees(1.0))
+
+
+def _draw_numbers(results: Mapping[str, Any], activation: str) -> Figure:
+    """Values of every setting with their intervals, one panel per number."""
+    settings = [arm for arm in results["arms"].values() if arm["activation"] == activation]
+    return _dots(settings, "", f"95 % intervals, {ACTIVATIONS[activation]}")
+
+
+def _draw_differences(results: Mapping[str, Any], activation: str) -> Figure:
+    """Paired differences of every setting from pure diffusion, one panel per number."""
+    settings = [
+        arm
+        for arm in results["arms"].values()
+        if arm["activation"] == activation and (arm["shielded"] or arm["projection"] != "none")
+    ]
+    words = f"difference from none, no shield, on the same seeds, {ACTIVATIONS[activation]}"
+    return _dots(settings, "_vs_none", words)
+
+
+def _dots(settings: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure:
+    columns = {column.key: column for column in SAFETY_COLUMNS + RIDE_COLUMNS}
+    with drawing(10.5, 0.42 * len(settings) + 2.6) as figure:
+        axes = figure.subplots(2, 3, sharey=True).ravel()
+        for one, key in zip(axes, SHOWN, strict=True):
+            _panel(one, columns[key], settings, end)
+        axes[0].set_yticks(range(len(settings)), [numbers["label"] for numbers in settings])
+        axes[0].set_ylim(len(settings) - 0.5, -0.5)
+        figure.supxlabel(words, fontsize=9.5)
+    return figure
+
+
+def _panel(axes: Axes, column: Column, settings: Sequence[Mapping[str, Any]], end: str) -> None:
+    """One number: a dot and an interval per setting; hollow without a shield."""
+    for row, numbers in enumerate(settings):
+        value, bounds = numbers.get(f"{column.key}{end}"), numbers.get(f"{column.key}{end}_ci95")
+        if value is None or bounds is None:
+            continue
+        colour = MODE_COLOURS[numbers["projection"]]
+        ends = [column.scale * bound for bound in bounds]
+        axes.plot(ends, [row, row], color=colour, linewidth=2.2, alpha=0.55)
+        face = colour if numbers["shielded"] else "white"
+        dot = column.scale * value
+        axes.plot(dot, row, "o", color=colour, markerfacecolor=face, markersize=6.5)
+    if end:
+        axes.axvline(0.0, color=GREY, linewidth=1.0)
+    axes.grid(axis="y", visible=False)
+    arrow = {1: "  (more is better)", -1: "  (less is better)", 0: ""}[column.better]
+    axes.set_title(f"{column.heading}{arrow if not end else ''}")
+
+
+def _draw_denoising(
+    traces: Sequence[DenoisingTrace], context: PlanningContext, limits: ActuatorLimits
+) -> Figure:
+    """Steering of all candidates over the plan at some denoising steps, a row per mode.
+
+    The same noise in every row. Shaded is what the bounds leave from the last executed command on.
+    """
+    shown = sorted({round(x) for x in np.linspace(0, len(traces[0].k) - 1, 5)})
+    horizon = traces[0].estimates.shape[2]
+    steps = np.arange(1, horizon + 1)
+    with drawing(10.5, 2.5 * len(traces) + 0.5) as figure:
+        grid = figure.subplots(len(traces), len(shown), sharex=True, sharey=True, squeeze=False)
+        for row, trace in zip(grid, traces, strict=True):
+            for axes, index in zip(row, shown, strict=True):
+                _cone(axes, float(context.previous[0]), limits, horizon)
+                for plan in trace.estimates[index]:
+                    bad = _broken(plan, context.previous, limits)
+                    line = dict(color=MODE_COLOURS[trace.label], linewidth=0.9, alpha=0.75)
+                    axes.plot(steps, DEGREE * plan[:, 0], **line)
+                    _mark(axes, steps[bad], DEGREE * plan[bad, 0])
+            row[0].set_ylabel(f"{trace.label}\nsteering [°]")
+        for axes, index in zip(grid[0], shown, strict=True):
+            axes.set_title(f"k = {traces[0].k[index]}")
+        for axes in grid[-1]:
+            axes.set_xlabel("step of the plan")
+            axes.set_xticks(range(0, horizon + 1, max(1, horizon // 4)))
+    return figure
+
+
+def _draw_paths(
+    traces: Sequence[DenoisingTrace], context: PlanningContext, limits: ActuatorLimits
+) -> Figure:
+    """Where the candidates lead, seen from above, with the scan; a panel per mode."""
+    points, _ = scan_points(context)
+    longest = limits.dt * max(float(t.plan.candidates[..., 1].sum(1).max()) for t in traces)
+    reach = max(SHORTEST_VIEW, 2.0 + longest)
+    with drawing(10.5, 0.9 + 10.0 / len(traces) * 6.0 / (reach + 1.0)) as figure:
+        for axes, trace in zip(figure.subplots(1, len(traces), sharey=True), traces, strict=True):
+            path = ego_rollout(trace.plan.candidates, limits.wheelbase, limits.dt)
+            zero = np.zeros((len(path.x), 1))
+            x, y = np.hstack([zero, path.x]), np.hstack([zero, path.y])
+            _lane(axes, context, reach)
+            axes.plot(points[:, 0], points[:, 1], ".", color=GREY, markersize=4.0)
+            axes.plot(x.T, y.T, color=MODE_COLOURS[trace.label], linewidth=1.0, alpha=0.8)
+            bad = sum(_broken(p, context.previous, limits).any() for p in trace.plan.candidates)
+            axes.set_title(f"{trace.label}: {bad} of {len(x)} plans break a bound")
+            axes.set(xlim=(-1.0, reach), ylim=(-3.0, 3.0), aspect="equal", xlabel="ahead [m]")
+        figure.axes[0].set_ylabel("to the left [m]")
+    return figure
+
+
+def _draw_commands(
+    drives: Sequence[tuple[str, str, Episode]], limits: ActuatorLimits, duration: float
+) -> Figure:
+    """Steering, speed and used share of the bounds over `duration` [s], a column per drive."""
+    with drawing(10.5, 6.2) as figure:
+        grid = figure.subplots(3, len(drives), sharex=True, sharey="row", squeeze=False)
+        for column, (label, mode, episode) in zip(grid.T, drives, strict=True):
+            count = min(episode.steps, round(duration / limits.dt))
+            time = limits.dt * np.arange(count)
+            done, before = episode.executed_command[:count], episode.previous_command[:count]
+            pairs = zip(done, before, strict=True)
+            bad = np.array([limits.violated(*pair) for pair in pairs])
+            used = _used(done, before, limits)
+            curves = (DEGREE * done[:, 0], 1.3), (done[:, 1], 1.3), (used, 1.1)
+            for axes, (values, width) in zip(column, curves, strict=True):
+                axes.plot(time, values, color=MODE_COLOURS[mode], linewidth=width)
+                _mark(axes, time[bad], values[bad])
+            column[0].set_title(f"{label}: {int(bad.sum())} of {count} commands out of bounds")
+            column[2].set_xlabel("time [s]")
+        _lines(grid[0], DEGREE * limits.low[0], DEGREE * limits.high[0])
+        _lines(grid[1], limits.low[1], limits.high[1])
+        _lines(grid[2], 1.0)
+        grid[2, 0].set_yscale("symlog", linthresh=2.0)
+        grid[2, 0].set_yticks(SHARES, [f"{share:g}" for share in SHARES])
+        grid[2, 0].minorticks_off()
+        names = ("steering [°]", "speed [m/s]", "largest share of a\nrate or lateral bound")
+        for axes, name in zip(grid[:, 0], names, strict=True):
+            axes.set_ylabel(name)
+    return figure
+
+
+def _mark(axes: Axes, x: Array, y: Array) -> None:
+    """Dots where a command breaks a bound."""
+    axes.plot(x, y, ".", color=PALETTE["violation"], markersize=4.0)
+
+
+def _used(done: Array, before: Array, limits: ActuatorLimits) -> Array:
+    """Largest share of a rate bound or of the lateral bound that each command takes (T,)."""
+    change = done - before
+    share = np.maximum(change / limits.max_increase, -change / limits.max_decrease).max(axis=1)
+    if limits.max_lateral_acceleration is not None:
+        lateral = np.abs(limits.lateral_acceleration(done)) / limits.max_lateral_acceleration
+        share = np.maximum(share, lateral)
+    return np.asarray(np.maximum(share, 0.0))
+
+
+def _broken(plan: Array, previous: Array, limits: ActuatorLimits) -> NDArray[np.bool_]:
+    """Which commands of a plan (H, 2) break a bound (H,).
+
+    Estimates come out of the loop in normalised units: their last digits do not count.
+    """
+    before = np.vstack([previous, plan[:-1]])
+    outside = np.maximum(plan - limits.high, limits.low - plan).max(axis=1)
+    return np.asarray((_used(plan, before, limits) > 1.0 + DIGITS) | (outside > DIGITS))
+
+
+def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:
+    """Edges of the own direction's lanes as they are estimated, to second order."""
+    lane = context.lane
+    if not lane.valid:
+        return
+    x = np.linspace(-1.0, reach, 30)
+    centre = -lane.lateral_offset - lane.heading_error * x + 0.5 * lane.curvature * x**2
+    for edge in (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH, 1.5 * LANE_WIDTH):
+        axes.plot(x, centre + edge, color=GREY, linewidth=1.0, linestyle=(0, (6, 4)))
+
+
+def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> None:
+    """Steering that box and rate leave over the plan."""
+    steps = np.arange(horizon + 1)
+    reach = float(limits.max_increase[0]) * steps
+    low = np.maximum(steering - reach, limits.low[0])
+    high = np.minimum(steering + reach, limits.high[0])
+    axes.fill_between(steps, DEGREE * low, DEGREE * high, color=GREY, alpha=0.22, linewidth=0.0)
+
+
+def _lines(row: Sequence[Axes], *values: float) -> None:
+    """Bounds across a row of panels."""
+    for axes in row:
+        for value in values:
+            axes.axhline(value, color=GREY, linewidth=1.0, linestyle="--")

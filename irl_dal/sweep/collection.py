@@ -22,15 +22,10 @@ Found = tuple[Path, RunResult]
 
 @dataclass(frozen=True, slots=True)
 class Collection:
-    """Results that belong into one table: each variant has a single configuration.
+    """Results that belong into one table: each variant has a single configuration."""
 
-    Attributes:
-        results: All of them, by variant and seed.
-        left_out: Sentences that name the runs left out, and why.
-    """
-
-    results: tuple[RunResult, ...]
-    left_out: tuple[str, ...] = ()
+    results: tuple[RunResult, ...]  # by variant and seed
+    left_out: tuple[str, ...] = ()  # sentences that name the runs left out, and why
 
     @property
     def variants(self) -> list[str]:

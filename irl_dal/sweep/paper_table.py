@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from rich.table import Table
@@ -146,29 +146,17 @@ def notes(collection: Collection) -> list[str]:
     return [*several, *collection.left_out]
 
 
-@dataclass(frozen=True, slots=True)
-class MarkedPage:
-    """A Markdown page with a table between `<!-- KIND: begin -->` and `<!-- KIND: end -->`.
-
-    Attributes:
-        path: The page.
-        kind: `table` for the whole table, `summary` for the short one.
-        before: Text up to and with the first marker.
-        after: Text from the second marker on.
-    """
+class MarkedPage(NamedTuple):
+    """A Markdown page with a table between `<!-- KIND: begin -->` and `<!-- KIND: end -->`."""
 
     path: Path
-    kind: str
-    before: str
-    after: str
+    kind: str  # `table` for the whole table, `summary` for the short one
+    before: str  # text up to and with the first marker
+    after: str  # text from the second marker on
 
     @classmethod
     def read(cls, path: Path) -> MarkedPage:
-        """Read a page.
-
-        Raises:
-            ConfigError: It is missing, cannot be read or lacks the markers.
-        """
+        """Read a page; a ConfigError if it is missing, cannot be read or lacks the markers."""
         where = f"page = {str(path)!r}"
         try:
             text = path.read_text(encoding="utf-8")
@@ -188,11 +176,7 @@ class MarkedPage:
         )
 
     def replace(self, collection: Collection, estimates: Estimates) -> None:
-        """Write the page with the table of other runs.
-
-        Raises:
-            ConfigError: The page cannot be written.
-        """
+        """Write the page with the table of other runs; a ConfigError if that fails."""
         whole = self.kind == "table"
         table = (markdown_table if whole else markdown_summary)(collection, estimates)
         try:

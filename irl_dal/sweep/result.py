@@ -42,32 +42,20 @@ _ORIGIN = ("commit", "config_hash", "version", "machine", "gradient_threads", "s
 
 @dataclass(frozen=True, slots=True)
 class RunResult:
-    """One run, as it is committed under `results/`.
-
-    Attributes:
-        variant: Which variant was trained.
-        seed: Of the training.
-        origin: Commit, configuration hash, version, machine, threads of a gradient step, start and
-            training time [s], and the steps of the first phase.
-        evaluation: Flat report of `irl_dal.evaluate`, without the lists of seeds.
-        first_seed: Of the evaluation.
-        outcomes: Success of each evaluation episode.
-        steps: Environment steps of the rows of `curves`.
-        curves: The columns of `CURVES`; None where a row has no value.
-        path: Positions (T, 2) [m] on `OVERLAY_SEED`.
-        arrived: Whether that drive was a success.
-    """
+    """One run, as it is committed under `results/`."""
 
     variant: str
-    seed: int
+    seed: int  # of the training
     origin: Mapping[str, Any]
-    evaluation: Mapping[str, Any]
-    first_seed: int
-    outcomes: Annotated[tuple[bool, ...], Field(min_length=1)]
-    steps: list[int]
-    curves: Mapping[str, list[float | None]]
-    path: list[tuple[float, float]]
-    arrived: bool
+    """Commit, configuration hash, version, machine, threads of a gradient step, start and training
+    time [s], and the steps of the first phase."""
+    evaluation: Mapping[str, Any]  # flat report of `irl_dal.evaluate`, without the lists of seeds
+    first_seed: int  # of the evaluation
+    outcomes: Annotated[tuple[bool, ...], Field(min_length=1)]  # success of each of its episodes
+    steps: list[int]  # environment steps of the rows of `curves`
+    curves: Mapping[str, list[float | None]]  # the columns of `CURVES`; None without a value
+    path: list[tuple[float, float]]  # positions (T, 2) [m] on `OVERLAY_SEED`
+    arrived: bool  # whether that drive was a success
 
     @property
     def name(self) -> str:

@@ -8,8 +8,7 @@ from rich.table import Table
 
 from irl_dal.bench.__main__ import main
 from irl_dal.bench.car import speed_response, steering_response
-from irl_dal.bench.drive import expert_drives
-from irl_dal.bench.lane import lane_numbers
+from irl_dal.bench.drive import expert_drives, lane_numbers
 from irl_dal.bench.speed import compare_speed, missing_peers, parts_table, speed_tables
 from irl_dal.envs import CityConfig
 

@@ -3,8 +3,7 @@ import io
 import pytest
 from rich.console import Console
 
-from irl_dal.comparison.columns import comparison_tables
-from irl_dal.comparison.conclusions import best_projection, conclusions
+from irl_dal.comparison.presentation import best_projection, comparison_tables, conclusions
 from tests.irl_dal.conftest import Compared
 
 
