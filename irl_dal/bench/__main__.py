@@ -52,11 +52,7 @@ class _Parser(argparse.ArgumentParser):
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of the command.
-
-    Returns:
-        Exit code: 2 for a mistake on the command line.
-    """
+    """Entry point of the command; returns its exit code, 2 for a mistake on the command line."""
     options = _parser().parse_args(arguments)
     console = new_console()
     with one_line_errors():

@@ -19,7 +19,6 @@ from joblib import Parallel, delayed
 from rich.console import Console
 
 from irl_dal.cli.overrides import require_writable
-from irl_dal.comparison.config import ComparisonConfig
 from irl_dal.comparison.drive import (
     PATH_DURATION,
     PATH_STATES,
@@ -31,7 +30,7 @@ from irl_dal.comparison.planning import STATES, plan_in_states
 from irl_dal.comparison.settings import all_settings, planning_settings
 from irl_dal.comparison.summary import summarise
 from irl_dal.config import ConfigError, to_mapping
-from irl_dal.evaluation.workers import CHUNK, progress_bar
+from irl_dal.evaluation.workers import in_parts, progress_bar
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key
 from irl_dal.storage.run_folder import provenance
@@ -47,7 +46,7 @@ def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any
         CheckpointError: The run has no checkpoint that can be used.
         ConfigError: The folder of results holds something else or cannot be written.
     """
-    comparison = job.comparison
+    comparison, jobs = job.comparison, job.comparison.n_jobs
     settings = all_settings(comparison, job.config.planner.projection)
     planning = planning_settings(comparison, job.config.planner.projection)
     with setting_rig(job, settings[0]):
@@ -57,12 +56,10 @@ def compare(job: ComparisonJob, console: Console | None = None) -> dict[str, Any
     seeds = list(comparison.seeds)
     kinds = ["expert", *(f"planning/{setting.plan_label}" for setting in planning)]
     missing = _missing(store, seeds, kinds)
-    states = [
-        (plan_in_states, planning, part) for part in _parts(missing, len(missing), comparison)
-    ]
+    states = [(plan_in_states, planning, part) for part in in_parts(missing, len(missing), jobs)]
     drives = [  # the first seeds of all settings before the next ones
         (drive_setting, setting, part)
-        for seeds_of_all in _parts(seeds, len(seeds) * len(settings), comparison)
+        for seeds_of_all in in_parts(seeds, len(seeds) * len(settings), jobs)
         for setting in settings
         if (part := _missing(store, seeds_of_all, [f"driving/{setting.name}"]))
     ]
@@ -107,12 +104,6 @@ def _claim(job: ComparisonJob) -> None:
 def _missing(store: ResultStore, seeds: Sequence[int], kinds: Sequence[str]) -> list[int]:
     """Seeds of which not every kind of result is kept."""
     return [seed for seed in seeds if any(store.get(kind, seed) is None for kind in kinds)]
-
-
-def _parts(seeds: list[int], episodes: int, comparison: ComparisonConfig) -> list[list[int]]:
-    """Seeds of one call: many enough to pay for the building, few enough to share out."""
-    size = max(1, min(CHUNK, episodes // (2 * comparison.n_jobs)))
-    return [seeds[start : start + size] for start in range(0, len(seeds), size)]
 
 
 def _work(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -91,14 +91,13 @@ def plan_log(
     return plans
 
 
-@dataclass(slots=True)
 class _Watcher(Refinement):
-    """Remembers every clean estimate as the loop goes on with it."""
+    """Remembers every clean estimate (B, H, 2) as the loop goes on with it."""
 
-    seen: list[Array] = field(default_factory=list)
+    def __init__(self) -> None:
+        self.seen: list[Array] = []
 
     def clean(self, clean: Array, index: int) -> Array:
-        """Remember it (B, H, 2)."""
         self.seen.append(clean.copy())
         return clean
 

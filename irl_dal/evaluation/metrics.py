@@ -308,10 +308,8 @@ PLAN_METRICS: dict[str, _PlanRow] = {
 def _normalized_return(rows: Array) -> Array:
     """Columns: return of the agent, of random actions, of the expert. (B, N, 3) -> (B,)."""
     agent, random, expert = np.moveaxis(rows.mean(axis=1), 1, 0)
-    gap = expert - random
-    scaled = np.divide(agent - random, gap, out=np.full_like(gap, np.nan), where=gap != 0.0)
-    clipped: Array = np.clip(RETURN_SCALE * scaled, 0.0, RETURN_SCALE)
-    return clipped
+    scaled = statistics.divide(agent - random, expert - random)
+    return np.asarray(np.clip(RETURN_SCALE * scaled, 0.0, RETURN_SCALE))
 
 
 STATISTICS: dict[str, Statistic] = {

@@ -34,7 +34,7 @@ class Estimate:
 def ratio(rows: Array) -> Array:
     """Sum of column 0 over sum of column 1, (B, N, 2) -> (B,); NaN where the latter is zero."""
     sums = rows.sum(axis=1)
-    return _divide(sums[:, 0], sums[:, 1])
+    return divide(sums[:, 0], sums[:, 1])
 
 
 def root_ratio(rows: Array) -> Array:
@@ -54,9 +54,9 @@ def balanced_mean(rows: Array) -> Array:
     in a resample does not enter that resample's mean.
     """
     sums, counts = np.split(rows.sum(axis=1), 2, axis=1)
-    means = _divide(sums, counts)
+    means = divide(sums, counts)
     present = counts > 0.0
-    return _divide(np.where(present, means, 0.0).sum(axis=1), present.sum(axis=1))
+    return divide(np.where(present, means, 0.0).sum(axis=1), present.sum(axis=1))
 
 
 def difference(statistic: Statistic) -> Statistic:
@@ -89,7 +89,7 @@ def estimate(rows: ArrayLike, statistic: Statistic, rng: np.random.Generator) ->
     return Estimate(value, float(low), float(high))
 
 
-def _divide(numerator: Array, denominator: Array) -> Array:
+def divide(numerator: Array, denominator: Array) -> Array:
     """Quotient with NaN, and no warning, where the denominator is zero."""
     quotient: Array = np.full(np.broadcast_shapes(numerator.shape, denominator.shape), np.nan)
     np.divide(numerator, denominator, out=quotient, where=denominator != 0)

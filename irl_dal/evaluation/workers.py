@@ -65,8 +65,7 @@ class Workers:
             for item, result in zip(items, known, strict=True)
             if result is None
         ]
-        size = max(1, min(CHUNK, len(calls) // (2 * self._jobs)))
-        chunks = [calls[start : start + size] for start in range(0, len(calls), size)]
+        chunks = in_parts(calls, len(calls), self._jobs)
         task = self._progress.add_task(what, total=len(items), completed=len(items) - len(calls))
         results: list[Any] = []
         parallel = Parallel(n_jobs=min(self._jobs, len(chunks)) or 1, return_as="generator")
@@ -77,6 +76,12 @@ class Workers:
             self._progress.advance(task, len(done))
         new = iter(results)
         return [next(new) if result is None else result for result in known]
+
+
+def in_parts(items: list[Item], work: int, jobs: int) -> list[list[Item]]:
+    """Items of one call: of so much work enough to pay for the building, few enough to share."""
+    size = max(1, min(CHUNK, work // (2 * jobs)))
+    return [items[start : start + size] for start in range(0, len(items), size)]
 
 
 def progress_bar(console: Console | None) -> Progress:

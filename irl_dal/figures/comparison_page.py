@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 from collections.abc import Mapping, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -144,7 +145,7 @@ def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
             ),
             FigureWithCaption(
                 f"differences_{activation}",
-                _draw_differences(results, activation),
+                _draw_numbers(results, activation, "_vs_none"),
                 f"Paired differences from pure diffusion, {words}",
                 "Each setting minus mode none without a shield, on the same seeds. A bar that does "
                 "not touch zero is a difference at 95 %.",
@@ -155,40 +156,25 @@ def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
 
 Array = NDArray[np.float64]
 
-SHOWN = (
-    "command_violation_rate",
-    "success",
-    "collisions_per_1k_steps",
-    "correction_norm",
-    "comfort_rms_jerk",
-    "ade_m",
-)
-"""Numbers that get a panel."""
-
+SHOWN = [  # numbers that get a panel
+    *("command_violation_rate", "success", "collisions_per_1k_steps"),
+    *("correction_norm", "comfort_rms_jerk", "ade_m"),
+]
 SHORTEST_VIEW = 10.0  # [m] ahead, so that the lane can be seen around a slow plan
 DIGITS = 1e-9  # share of a bound below which a difference is rounding
 SHARES = (0.0, 1.0, 2.0, 5.0, 10.0, 20.0)  # ticks of the used share of the bounds
 DEGREE = float(np.degrees(1.0))
 
 
-def _draw_numbers(results: Mapping[str, Any], activation: str) -> Figure:
-    """Values of every setting with their intervals, one panel per number."""
-    settings = [arm for arm in results["arms"].values() if arm["activation"] == activation]
-    return _dots(settings, "", f"95 % intervals, {ACTIVATIONS[activation]}")
-
-
-def _draw_differences(results: Mapping[str, Any], activation: str) -> Figure:
-    """Paired differences of every setting from pure diffusion, one panel per number."""
+def _draw_numbers(results: Mapping[str, Any], activation: str, end: str = "") -> Figure:
+    """Every setting with its intervals, a panel per number; `end` chooses paired differences."""
     settings = [
         arm
         for arm in results["arms"].values()
-        if arm["activation"] == activation and (arm["shielded"] or arm["projection"] != "none")
+        if arm["activation"] == activation
+        and not (end and arm["projection"] == "none" and not arm["shielded"])
     ]
-    words = f"difference from none, no shield, on the same seeds, {ACTIVATIONS[activation]}"
-    return _dots(settings, "_vs_none", words)
-
-
-def _dots(settings: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure:
+    words = "difference from none, no shield, on the same seeds" if end else "95 % intervals"
     columns = {column.key: column for column in SAFETY_COLUMNS + RIDE_COLUMNS}
     with drawing(10.5, 0.42 * len(settings) + 2.6) as figure:
         axes = figure.subplots(2, 3, sharey=True).ravel()
@@ -196,7 +182,7 @@ def _dots(settings: Sequence[Mapping[str, Any]], end: str, words: str) -> Figure
             _panel(one, columns[key], settings, end)
         axes[0].set_yticks(range(len(settings)), [numbers["label"] for numbers in settings])
         axes[0].set_ylim(len(settings) - 0.5, -0.5)
-        figure.supxlabel(words, fontsize=9.5)
+        figure.supxlabel(f"{words}, {ACTIVATIONS[activation]}", fontsize=9.5)
     return figure
 
 
@@ -289,9 +275,11 @@ def _draw_commands(
                 _mark(axes, time[bad], values[bad])
             column[0].set_title(f"{label}: {int(bad.sum())} of {count} commands out of bounds")
             column[2].set_xlabel("time [s]")
-        _lines(grid[0], DEGREE * limits.low[0], DEGREE * limits.high[0])
-        _lines(grid[1], limits.low[1], limits.high[1])
-        _lines(grid[2], 1.0)
+        low, high = limits.low, limits.high
+        bounds = (DEGREE * low[0], DEGREE * high[0]), (low[1], high[1]), (1.0,)
+        for row, values in zip(grid, bounds, strict=True):
+            for axes, value in product(row, values):
+                axes.axhline(value, color=GREY, linewidth=1.0, linestyle="--")
         grid[2, 0].set_yscale("symlog", linthresh=2.0)
         grid[2, 0].set_yticks(SHARES, [f"{share:g}" for share in SHARES])
         grid[2, 0].minorticks_off()
@@ -344,10 +332,3 @@ def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> 
     low = np.maximum(steering - reach, limits.low[0])
     high = np.minimum(steering + reach, limits.high[0])
     axes.fill_between(steps, DEGREE * low, DEGREE * high, color=GREY, alpha=0.22, linewidth=0.0)
-
-
-def _lines(row: Sequence[Axes], *values: float) -> None:
-    """Bounds across a row of panels."""
-    for axes in row:
-        for value in values:
-            axes.axhline(value, color=GREY, linewidth=1.0, linestyle="--")
