@@ -20,28 +20,15 @@ FIRST_REPORT_SEED = 20_000  # seeds from here on are for reports; nothing is tun
 
 @dataclass(frozen=True, slots=True)
 class ComparisonConfig:
-    """Extent of a comparison. None of the numbers is in the paper.
+    """Extent of a comparison. None of the numbers is in the paper."""
 
-    Attributes:
-        episodes: Episodes of each setting, one seed each.
-        first_seed: Seed of the first one; the others follow.
-        projections: Where the plan is projected, one group of settings each.
-        activations: When the planner plans, one group of settings each.
-        candidates: Plans drawn in each risky state in which every projection plans.
-        film_duration: Of the side-by-side video [s]; 0 makes none.
-        n_jobs: Processes that drive at the same time.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    episodes: int = 50
-    first_seed: int = FIRST_REPORT_SEED
+    episodes: int = 50  # of each setting, one seed each
+    first_seed: int = FIRST_REPORT_SEED  # of the first one; the others follow
     projections: tuple[ProjectionMode, ...] = ("none", "final", "x0", "xt", "adaptive")
     activations: tuple[Activation, ...] = ("trigger", "always", "alone")
-    candidates: int = 16
-    film_duration: float = 20.0
-    n_jobs: int = 2
+    candidates: int = 16  # plans drawn in each risky state in which every projection plans
+    film_duration: float = 20.0  # of the side-by-side video [s]; 0 makes none
+    n_jobs: int = 2  # processes that drive at the same time
 
     def __post_init__(self) -> None:
         for name in ("episodes", "n_jobs", "candidates"):

@@ -11,27 +11,16 @@ FIRST_EVALUATION_SEED = 10_000
 
 @dataclass(frozen=True, slots=True)
 class EvaluationConfig:
-    """Extent of an evaluation. None of the numbers is in the paper.
+    """Extent of an evaluation. None of the numbers is in the paper."""
 
-    Attributes:
-        episodes: Episodes that the agent drives, one seed each.
-        first_seed: Seed of the first one; the others follow.
-        held_out_episodes: Expert episodes, on the same first seeds, whose states the BC loss and
-            ADE/FDE are measured in; at most `episodes`.
-        path_states: States along them from which paths are compared.
-        n_jobs: Processes that drive at the same time.
-        video_duration: Longest evaluation drive shown in the video [s]; 0 makes no video.
-
-    Raises:
-        ValueError: If a field is out of range.
-    """
-
-    episodes: int = 20
-    first_seed: int = FIRST_EVALUATION_SEED
+    episodes: int = 20  # that the agent drives, one seed each
+    first_seed: int = FIRST_EVALUATION_SEED  # of the first one; the others follow
     held_out_episodes: int = 10
-    path_states: int = 100
-    n_jobs: int = 2
-    video_duration: float = 30.0
+    """Expert episodes, on the same first seeds, whose states the BC loss and ADE/FDE are measured
+    in; at most `episodes`."""
+    path_states: int = 100  # along them, from which paths are compared
+    n_jobs: int = 2  # processes that drive at the same time
+    video_duration: float = 30.0  # longest evaluation drive shown in the video [s]; 0 makes none
 
     def __post_init__(self) -> None:
         for name in self.__slots__:

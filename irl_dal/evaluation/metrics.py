@@ -82,7 +82,7 @@ def compute_metrics(
 
     Args:
         episodes: `episode_record` of each of the agent's N episodes.
-        rng: Random source of the bootstrap.
+        rng: Of the bootstrap.
         references: Returns of random actions and of the expert on the same seeds (N, 2), if known.
         cloning: `cloning_row` of each held-out expert episode.
         distances: Between the agent's and the expert's path, one (K,) [m] per stretch.
@@ -246,15 +246,13 @@ METRICS: dict[str, _EpisodeRow] = {
 """Name -> row of one episode: the metrics that episodes alone decide."""
 
 
-def _plan_violations(nominal: bool) -> _PlanRow:
+def _plan_violations(name: str) -> _PlanRow:
     """Rows for the share of plans that break a bound anywhere, from the last command on."""
 
     def row(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-        broken = 0
-        for plan, previous in plans:
-            commands = plan.nominal if nominal else plan.actions
-            broken += _broken(commands, np.vstack([previous, commands[:-1]]), limits) > 0
-        return broken, len(plans)
+        both = ((getattr(plan, name), previous) for plan, previous in plans)
+        before = ((after, np.vstack([previous, after[:-1]])) for after, previous in both)
+        return sum(_broken(*pair, limits) > 0 for pair in before), len(plans)
 
     return row
 
@@ -296,8 +294,8 @@ PLAN_METRICS: dict[str, _PlanRow] = {
         sum(entry.plan.is_fallback for entry in plans),
         len(plans),
     ),
-    "plan_nominal_violation_rate": _plan_violations(nominal=True),
-    "plan_violation_rate": _plan_violations(nominal=False),
+    "plan_nominal_violation_rate": _plan_violations("nominal"),
+    "plan_violation_rate": _plan_violations("actions"),
     "plan_correction_norm": _plan_correction,
     **{f"plan_{name}": _plan_energy(name) for name in ENERGIES},
     "plan_diversity_m": _plan_diversity,

@@ -20,13 +20,9 @@ Watcher = Callable[[Observation, Mapping[str, Any]], None]
 def drive_episode(
     loop: ControlLoop, agent: Agent, seed: int, watch: Watcher | None = None
 ) -> Episode:
-    """Drive one episode; the same seed gives the same episode.
+    """Drive one episode; the same seed gives the same road, traffic, light and noise.
 
-    Args:
-        loop: The city with its supervision.
-        agent: Who drives.
-        seed: Of the episode: road, traffic, light, noise of sensors and planner.
-        watch: Called after the reset and after every step.
+    `watch` is called after the reset and after every step.
     """
     agent.reset(seed)
     observation, info = loop.reset(seed=seed)
@@ -66,16 +62,9 @@ def compare_paths(
 ) -> Array:
     """Put the agent into a state of an expert's episode and let it drive.
 
-    The state is restored by driving the expert's episode again up to `step`, without the camera
-    until the last moment. An agent whose episode ends early (collision, goal) stays where it is.
-
-    Args:
-        loop: The city with the agent's supervision.
-        reference: Supervision that the expert drove under.
-        agent: Who drives from the state on.
-        seed: Of the expert's episode.
-        step: Control step of the state in it.
-        pose: The expert's x, y, yaw in that state and after each of K steps (K + 1, 3) [m, m, rad].
+    The state is restored by driving the expert's episode again, under `reference` and up to `step`,
+    without the camera until the last moment. An agent whose episode ends early (collision, goal)
+    stays where it is. `pose` is the expert's in that state and after each of K steps (K + 1, 3).
 
     Returns:
         Distance between both paths after each of the K steps (K,) [m].
@@ -99,14 +88,8 @@ def spread_steps(
 ) -> list[list[int]]:
     """Draw the states that paths are compared from: equally many per episode, spread over it.
 
-    Args:
-        lengths: Number of steps of each episode.
-        states: How many in all; fewer where episodes are too short.
-        horizon: Steps that must remain after a state.
-        rng: Each state is drawn from its own equal share of the episode.
-
-    Returns:
-        For each episode its steps, increasing.
+    Of each episode (its length in steps) the chosen steps, increasing, each drawn from its own
+    equal share of the episode with `horizon` steps left; fewer than `states` where too short.
     """
     usable = [max(0, length - horizon + 1) for length in lengths]
     long_enough = [i for i, room in enumerate(usable) if room > 0]

@@ -49,15 +49,10 @@ class Workers:
         store: ResultStore | None = None,
         name: Callable[[Item], str] = str,
     ) -> list[Any]:
-        """Results of `work` on each item, in their order.
+        """Results of `work` on each item, in their order; `what` stands before the progress bar.
 
-        Args:
-            what: Name of the work, in front of the progress bar and in the store.
-            work: Returns a mapping ready for JSON, if there is a store.
-            items: What it works on.
-            store: Results in it are read; each new one is kept as soon as it is there, as far as
-                anything can be written.
-            name: Of an item in the store.
+        A store needs results ready for JSON: those in it, under `what` and the item's `name`, are
+        read, and each new one is kept as soon as it is there, as far as anything can be written.
         """
         known = [None if store is None else store.get(what, name(item)) for item in items]
         calls = [
