@@ -36,11 +36,6 @@ class Setting:
         return f"{self.projection}{shield}" + ("" if self.guided else ", unguided")
 
     @property
-    def admissible(self) -> bool:
-        """Whether everything that it executes has to keep the bounds."""
-        return self.shielded or self.projection != "none"
-
-    @property
     def baseline(self) -> Setting:
         """Pure diffusion under the same activation."""
         return Setting(self.activation, "none", shielded=False)

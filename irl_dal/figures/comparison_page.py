@@ -215,11 +215,15 @@ def _draw_denoising(
     shown = sorted({round(x) for x in np.linspace(0, len(traces[0].k) - 1, 5)})
     horizon = traces[0].estimates.shape[2]
     steps = np.arange(1, horizon + 1)
+    steering, cone = float(context.previous[0]), np.arange(horizon + 1)
+    reach = float(limits.max_increase[0]) * cone  # what box and rate leave over the plan
+    low = DEGREE * np.maximum(steering - reach, limits.low[0])
+    high = DEGREE * np.minimum(steering + reach, limits.high[0])
     with drawing(10.5, 2.5 * len(traces) + 0.5) as figure:
         grid = figure.subplots(len(traces), len(shown), sharex=True, sharey=True, squeeze=False)
         for row, trace in zip(grid, traces, strict=True):
             for axes, index in zip(row, shown, strict=True):
-                _cone(axes, float(context.previous[0]), limits, horizon)
+                axes.fill_between(cone, low, high, color=GREY, alpha=0.22, linewidth=0.0)
                 for plan in trace.estimates[index]:
                     bad = _broken(plan, context.previous, limits)
                     line = dict(color=MODE_COLOURS[trace.label], linewidth=0.9, alpha=0.75)
@@ -323,12 +327,3 @@ def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:
     centre = -lane.lateral_offset - lane.heading_error * x + 0.5 * lane.curvature * x**2
     for edge in (-0.5 * LANE_WIDTH, 0.5 * LANE_WIDTH, 1.5 * LANE_WIDTH):
         axes.plot(x, centre + edge, color=GREY, linewidth=1.0, linestyle=(0, (6, 4)))
-
-
-def _cone(axes: Axes, steering: float, limits: ActuatorLimits, horizon: int) -> None:
-    """Steering that box and rate leave over the plan."""
-    steps = np.arange(horizon + 1)
-    reach = float(limits.max_increase[0]) * steps
-    low = np.maximum(steering - reach, limits.low[0])
-    high = np.minimum(steering + reach, limits.high[0])
-    axes.fill_between(steps, DEGREE * low, DEGREE * high, color=GREY, alpha=0.22, linewidth=0.0)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from contextlib import closing
-from typing import Any
 
 from rich.console import Console
 
@@ -28,23 +26,12 @@ def show_run(folder: RunFolder, console: Console) -> None:
     written = [folder.evaluation]
     written += draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
     if config.evaluation.video_duration > 0.0:
-        with console.status("filming one drive"):
-            film_drive(folder, showcase_seed(evaluation.episodes))
+        # the episode worth showing: a success if there is one, with the most planner steps
+        best = max(evaluation.episodes, key=lambda entry: (entry["success"], entry["triggered"]))
+        with console.status("filming one drive"), one_thread():
+            with closing(Rig.build(config, spec, render_mode="rgb_array")) as rig:
+                with DriveFilm(folder.video, rig.loop, config.evaluation.video_duration) as film:
+                    drive_episode(rig.loop, rig.agent, best["seed"], film.watch)
         written.append(folder.video)
     for path in written:
         console.print(f"written to {path}", soft_wrap=True)
-
-
-def showcase_seed(episodes: Sequence[Mapping[str, Any]]) -> int:
-    """The episode worth showing: a success if there is one, with the most planner steps."""
-    best = max(episodes, key=lambda entry: (entry["success"], entry["triggered"]))
-    return int(best["seed"])
-
-
-def film_drive(folder: RunFolder, seed: int) -> None:
-    """Drive one episode of a run and film it."""
-    config = folder.config
-    rig = Rig.build(config, AgentSpec("run", folder.path), render_mode="rgb_array")
-    film = DriveFilm(folder.video, rig.loop, config.evaluation.video_duration)
-    with one_thread(), closing(rig), film:
-        drive_episode(rig.loop, rig.agent, seed, film.watch)

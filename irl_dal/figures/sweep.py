@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
-from irl_dal.evaluation.statistics import Estimate
 from irl_dal.figures.document import FigureWithCaption, render_page
 from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
 from irl_dal.figures.table import Cell, NumberTable
@@ -136,7 +135,15 @@ def _draw_scores(collection: Collection, estimates: Estimates) -> Figure:
             for place, variant in enumerate(variants):
                 runs = [result.score(column.key) for result in collection.of(variant)]
                 dots = column.scale * np.array([run for run in runs if run is not None])
-                _score(one, place, dots, column.scale, estimates[variant][column.key], variant)
+                colour = VARIANT_COLOURS.get(variant, GREY)
+                height = np.full(len(dots), float(place))
+                one.plot(dots, height, ".", color=colour, alpha=0.45, markersize=5.0)
+                found = estimates[variant][column.key]
+                if found.low is not None and found.high is not None:
+                    ends = [column.scale * found.low, column.scale * found.high]
+                    one.plot(ends, [place, place], color=colour, linewidth=4.0, alpha=0.35)
+                if found.value is not None:
+                    one.plot(column.scale * found.value, place, "D", color=colour, markersize=5.5)
             one.set_title(column.heading)
         axes[0].set_yticks(range(len(variants)), [label(variant) for variant in variants])
         axes[0].set_ylim(-0.6, len(variants) - 0.4)
@@ -171,20 +178,6 @@ def _smoothed(values: Array, width: int = 5) -> Array:
     """Running mean over `width` rows, shorter at the ends."""
     ones = np.ones(min(width, len(values)))
     return np.convolve(values, ones, "same") / np.convolve(np.ones(len(values)), ones, "same")
-
-
-def _score(
-    axes: Axes, place: int, runs: Array, scale: float, estimate: Estimate, variant: str
-) -> None:
-    """One variant in one panel."""
-    colour = VARIANT_COLOURS.get(variant, GREY)
-    axes.plot(runs, np.full(len(runs), float(place)), ".", color=colour, alpha=0.45, markersize=5.0)
-    if estimate.value is None:
-        return
-    if estimate.low is not None and estimate.high is not None:
-        ends = [scale * estimate.low, scale * estimate.high]
-        axes.plot(ends, [place, place], color=colour, linewidth=4.0, alpha=0.35)
-    axes.plot(scale * estimate.value, place, "D", color=colour, markersize=5.5)
 
 
 def _road(axes: Axes, road: Road) -> Array:

@@ -42,18 +42,6 @@ def test_alone_the_planner_has_all_the_weight() -> None:
     assert always.planner.blend == RunConfig().planner.blend
 
 
-def test_which_settings_promise_to_keep_the_bounds() -> None:
-    """With the shield all; without it those that end in a projection."""
-    assert (
-        Setting("trigger", "none", True).admissible and Setting("alone", "final", False).admissible
-    )
-    assert Setting("always", "x0", False).admissible and Setting("trigger", "x0", False).admissible
-    assert not any(
-        Setting(activation, "none", False).admissible
-        for activation in ("trigger", "always", "alone")
-    )
-
-
 @pytest.mark.parametrize(
     ("values", "words"),
     [
