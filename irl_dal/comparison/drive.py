@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from irl_dal.cli.threads import one_thread
-from irl_dal.comparison.config import ComparisonConfig
-from irl_dal.comparison.settings import Setting
+from irl_dal.comparison.config import ComparisonConfig, Setting
 from irl_dal.config import RunConfig
 from irl_dal.evaluation.metrics import episode_record, path_rows
 from irl_dal.evaluation.rig import AgentSpec, Rig

@@ -19,6 +19,7 @@ from joblib import Parallel, delayed
 from rich.console import Console
 
 from irl_dal.cli.overrides import require_writable
+from irl_dal.comparison.config import all_settings, planning_settings
 from irl_dal.comparison.drive import (
     PATH_DURATION,
     PATH_STATES,
@@ -27,7 +28,6 @@ from irl_dal.comparison.drive import (
     setting_rig,
 )
 from irl_dal.comparison.planning import STATES, plan_in_states
-from irl_dal.comparison.settings import all_settings, planning_settings
 from irl_dal.comparison.summary import summarise
 from irl_dal.config import ConfigError, to_mapping
 from irl_dal.evaluation.workers import in_parts, progress_bar

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.build import build_planner
+from irl_dal.comparison.config import Setting
 from irl_dal.comparison.drive import ComparisonJob, setting_rig
-from irl_dal.comparison.settings import Setting
 from irl_dal.evaluation.agents import ExpertAgent
 from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.metrics import plan_rows

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.comparison.settings import Setting
+from irl_dal.comparison.config import Setting
 from irl_dal.evaluation.metrics import STATISTICS, Value, join_rows, latencies
 from irl_dal.evaluation.statistics import difference, estimate
 from irl_dal.storage.result_store import ResultStore

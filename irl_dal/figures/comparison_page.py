@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from irl_dal.comparison.config import Setting
 from irl_dal.comparison.drive import ComparisonJob, setting_rig
 from irl_dal.comparison.planning import DenoisingTrace, most_violating_state, trace_plan
 from irl_dal.comparison.presentation import (
@@ -23,7 +24,6 @@ from irl_dal.comparison.presentation import (
     comparison_tables,
     conclusions,
 )
-from irl_dal.comparison.settings import Setting
 from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
 from irl_dal.figures.comparison_film import film_pair, record_drive

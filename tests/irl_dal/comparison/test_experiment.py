@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from irl_dal.comparison import experiment
+from irl_dal.comparison.config import Setting, all_settings
 from irl_dal.comparison.drive import setting_rig
 from irl_dal.comparison.experiment import compare
 from irl_dal.comparison.planning import plan_log, risky_contexts, setting_planner
-from irl_dal.comparison.settings import Setting, all_settings
 from irl_dal.config import ConfigError
 from irl_dal.evaluation.metrics import compute_metrics
 from irl_dal.evaluation.rig import Rig

@@ -2,8 +2,13 @@ from dataclasses import replace
 
 import pytest
 
-from irl_dal.comparison.config import ComparisonConfig, parse_comparison
-from irl_dal.comparison.settings import Setting, all_settings, planning_settings
+from irl_dal.comparison.config import (
+    ComparisonConfig,
+    Setting,
+    all_settings,
+    parse_comparison,
+    planning_settings,
+)
 from irl_dal.config import ConfigError, RunConfig
 
 
