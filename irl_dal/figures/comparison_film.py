@@ -74,7 +74,9 @@ class _Half:
 
 def record_drive(rig: Rig, title: str, seed: int, duration: float) -> tuple[Episode, list[bytes]]:
     """Drive an episode; its log, and a picture of each moment of its first `duration` seconds."""
-    half, pictures, last = _Half(rig.loop, title), [], {}
+    half = _Half(rig.loop, title)
+    pictures: list[bytes] = []
+    last: dict[str, Any] = {}
     count = round(duration / rig.loop.limits.dt)
 
     def watch(_observation: Observation, info: Mapping[str, Any]) -> None:

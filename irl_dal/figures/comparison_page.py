@@ -281,8 +281,8 @@ def _draw_commands(
             column[2].set_xlabel("time [s]")
         low, high = limits.low, limits.high
         bounds = (DEGREE * low[0], DEGREE * high[0]), (low[1], high[1]), (1.0,)
-        for row, values in zip(grid, bounds, strict=True):
-            for axes, value in product(row, values):
+        for row, ends in zip(grid, bounds, strict=True):
+            for axes, value in product(row, ends):
                 axes.axhline(value, color=GREY, linewidth=1.0, linestyle="--")
         grid[2, 0].set_yscale("symlog", linthresh=2.0)
         grid[2, 0].set_yticks(SHARES, [f"{share:g}" for share in SHARES])
