@@ -44,7 +44,7 @@ class _Half:
         figure.text(0.024, 0.955, title, fontsize=15, weight="bold")
         self._state = figure.text(0.976, 0.955, "", fontsize=12, ha="right", animated=True)
         height = CHASE_SHAPE[0] / SIDE
-        self._chase = empty_picture(figure.add_axes((0.0, 0.93 - height, 1.0, height)), CHASE_SHAPE)
+        self._chase = empty_picture(figure.add_axes((0.0, 0.36875, 1.0, height)), CHASE_SHAPE)
         self._plots = [
             CommandPlot(figure.add_axes((left, 0.085, 0.38, 0.23)), component, loop.limits)
             for component, left in enumerate((0.09, 0.59))
