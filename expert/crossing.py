@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from expert.lane_map import LaneMap
 from shield import ClusterTracker, Track
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster

@@ -14,7 +14,7 @@ from expert.longitudinal import PREVIEW, LongitudinalConfig, bend_speed, stoppin
 from expert.modes import Mode
 from expert.neighbour import Neighbour
 from shield import ActuatorLimits, LaneEstimate, LaneGeometry, ScannerGeometry, VehicleGeometry
-from shield.arguments import check_positive
+from shield.errors import check_positive
 from shield.estimation.scan import ScanFilter
 
 Array = NDArray[np.float64]

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 
 from shield import ActuatorLimits, LaneEstimate
-from shield.arguments import check_positive
+from shield.errors import check_positive
 
 PREVIEW_TIME = 0.15  # [s] look-ahead of the curvature feed-forward
 MIN_SPEED = 3.5  # [m/s] below which the offset's gain stops growing

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from expert.lateral import parallel_curvature
 from shield import LaneEstimate
-from shield.arguments import check_positive
+from shield.errors import check_positive
 
 PREVIEW = 20.0  # [m] stretch of lane whose curvature counts: two seconds at cruise speed
 CREEP_SPEED = 0.8  # [m/s] at which the car still steers free of what it has stopped behind

@@ -3,8 +3,6 @@
 python -m irl_dal.compare run=DIR [episodes=N] [first_seed=N] [projections=[none,x0]] [out=DIR]
 """
 
-from __future__ import annotations
-
 from irl_dal.cli.preflight import preflight
 
 preflight("drive")

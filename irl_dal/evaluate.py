@@ -4,8 +4,6 @@ python -m irl_dal.evaluate run=DIR | policy=expert|random
 [episodes=N] [first_seed=N] [out=FILE.json]
 """
 
-from __future__ import annotations
-
 from irl_dal.cli.preflight import preflight
 
 preflight("drive")

@@ -3,8 +3,6 @@
 python -m irl_dal.report runs=DIR [out=DIR] [page=README.md]
 """
 
-from __future__ import annotations
-
 from irl_dal.cli.preflight import preflight
 
 preflight("drive", "report")

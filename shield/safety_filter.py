@@ -6,8 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import Array, as_array, as_horizon
-from shield.errors import InvalidProblem
+from shield.errors import Array, InvalidProblem, as_array, as_horizon
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds
 from shield.projection.certificate import Certificate, Projection, Status

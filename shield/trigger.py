@@ -6,8 +6,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shield.arguments import as_array, check_numbers, check_positive, check_within
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import (
+    InvalidLimits,
+    InvalidProblem,
+    as_array,
+    check_numbers,
+    check_positive,
+    check_within,
+)
 from shield.estimation.clearance import ClearanceEstimate
 from shield.estimation.lane import LaneEstimate, LaneGeometry
 

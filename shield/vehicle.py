@@ -15,8 +15,7 @@ import casadi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import Array, as_array, as_horizon, check_positive
-from shield.errors import InvalidLimits
+from shield.errors import Array, InvalidLimits, as_array, as_horizon, check_positive
 
 __all__ = ["KinematicBicycle", "VehicleGeometry"]
 

@@ -9,8 +9,6 @@ python -m irl_dal.bench planner  how long a plan takes, and where the time goes 
 python -m irl_dal.bench learning how long gradient steps take on one thread and on two
 """
 
-from __future__ import annotations
-
 from irl_dal.cli.preflight import preflight
 
 preflight("drive")

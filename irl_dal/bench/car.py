@@ -1,7 +1,5 @@
 """How far the car is from the kinematic bicycle: step responses."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import closing
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """Drives for the benchmarks of the city: how they end, and the lane measurement in them."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing

@@ -1,7 +1,5 @@
 """How long the gradient steps of a run take, on one thread and on two, alone and not alone."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 import time

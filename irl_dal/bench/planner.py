@@ -1,7 +1,5 @@
 """How long a plan takes, and where the time goes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing

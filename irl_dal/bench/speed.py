@@ -1,7 +1,5 @@
 """Steps per second, side by side with environments that people know, and where the time goes."""
 
-from __future__ import annotations
-
 import time
 import warnings
 from collections.abc import Callable, Iterator

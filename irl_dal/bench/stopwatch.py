@@ -1,7 +1,5 @@
 """Where the processor time of some work goes."""
 
-from __future__ import annotations
-
 import time
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import ExitStack

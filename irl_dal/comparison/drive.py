@@ -1,7 +1,5 @@
 """What one process drives for a comparison."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ The key changes with all that an episode's numbers depend on, so an interrupted 
 and a larger one drives only what it adds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -1,7 +1,5 @@
 """Plans of every setting in the same states: the risky ones of the expert's drives."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """What a comparison shows: its tables, and sentences made of its numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from typing import Any

@@ -3,8 +3,6 @@
 The definition of each number stands in `irl_dal/evaluation/metrics.py`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict
 from typing import Any

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from shield.arguments import check_within
+from shield.errors import check_within
 
 # Smallest and largest value of each field; a pair of integers asks for an integer
 Ranges = Mapping[str, tuple[float, float]]

@@ -1,7 +1,5 @@
 """Who drives in an evaluation: a trained policy, the expert, or random actions."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any

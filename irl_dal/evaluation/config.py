@@ -1,7 +1,5 @@
 """What an evaluation is asked to do."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 FIRST_EVALUATION_SEED = 10_000

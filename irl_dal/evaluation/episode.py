@@ -1,7 +1,5 @@
 """What is written down while an agent drives: the raw material of every number and picture."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from typing import Any, NamedTuple

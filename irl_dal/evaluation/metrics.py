@@ -36,8 +36,6 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
 * `latency_plan_*_ms`, `latency_shield_*_ms`: p50, p99 and max of one plan and of one shield call.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 

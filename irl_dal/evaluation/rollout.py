@@ -1,7 +1,5 @@
 """Driving episodes and comparing short drives from the same state."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 

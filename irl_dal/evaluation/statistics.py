@@ -1,7 +1,5 @@
 """Uncertainty of every reported number: percentile bootstrap over episodes."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

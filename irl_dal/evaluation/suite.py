@@ -1,7 +1,5 @@
 """One evaluation: everything that is driven for it, in several processes, and its report."""
 
-from __future__ import annotations
-
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Two drives of the same seed side by side: pure diffusion left, projected and shielded right."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import zip_longest
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The page of a comparison: numbers with intervals, a plan being denoised, commands in bounds."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from itertools import product

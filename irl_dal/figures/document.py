@@ -1,7 +1,5 @@
 """A page from figures and tables: one file, no network, every figure in it."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The curves of a training: reward, behaviour cloning loss and interventions over steps."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple

@@ -1,7 +1,5 @@
 """What a run leaves behind for people: its numbers, its curves and a film of one drive."""
 
-from __future__ import annotations
-
 from contextlib import closing
 
 from rich.console import Console

@@ -1,7 +1,5 @@
 """How figures look: the palette of all of them, and the frame of those on pages."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Iterator
 from contextlib import contextmanager

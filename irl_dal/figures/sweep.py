@@ -1,7 +1,5 @@
 """The page of a report: training dynamics, the table as dots, paths through one curve, origins."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from contextlib import closing
 from pathlib import Path

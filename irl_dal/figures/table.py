@@ -1,7 +1,5 @@
 """Tables of numbers: how a number is written, and the table that a terminal and a page show."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any

@@ -1,7 +1,5 @@
 """The road from above, as the car sees itself: forward is up."""
 
-from __future__ import annotations
-
 import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes

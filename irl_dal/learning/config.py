@@ -10,7 +10,7 @@ from irl_dal.learning.imitation.experience_correction import CorrectionForm
 from irl_dal.learning.reinforcement.discriminator import DiscriminatorConfig
 from irl_dal.learning.reinforcement.hybrid_reward import HybridRewardConfig
 from irl_dal.learning.reinforcement.ppo import PPOConfig
-from shield.arguments import check_within
+from shield.errors import check_within
 
 __all__ = ["LearningConfig"]
 

@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from shield.arguments import check_positive
+from shield.errors import check_positive
 
 MaskNormalisation = Literal["bounded", "printed"]
 

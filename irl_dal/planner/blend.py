@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from irl_dal.planner.arrays import Array
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 # Share of the new weight in its exponential moving average; the paper does not give it
 SMOOTHING = 0.5

@@ -9,7 +9,7 @@ from irl_dal.planner.guidance import GuidanceConfig
 from irl_dal.planner.noise_schedule import NoiseSchedule, ScheduleKind
 from irl_dal.planner.projection import PROJECTION_MODES, ProjectionMode
 from irl_dal.planner.sampler import Prediction, Sampler, ddim_transitions, ddpm_transitions
-from shield.arguments import check_positive
+from shield.errors import check_positive
 
 SamplerKind = Literal["ddim", "ddpm"]
 Activation = Literal["trigger", "always", "never"]

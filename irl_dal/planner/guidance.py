@@ -15,7 +15,7 @@ import numpy as np
 from irl_dal.planner.arrays import Array
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.sampler import Refinement
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,8 +4,6 @@ Agarwal et al., Deep reinforcement learning at the edge of the statistical preci
 (doi:10.48550/arXiv.2108.13264), with their library `rliable`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

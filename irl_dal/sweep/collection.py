@@ -1,7 +1,5 @@
 """The results in a folder of runs or of result files, and which of them belong together."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

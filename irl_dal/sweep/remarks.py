@@ -1,7 +1,5 @@
 """What the runs show, in sentences made of their numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """What one finished run contributes to a report: a small JSON file that needs no checkpoint."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

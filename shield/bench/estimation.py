@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import Array
+from shield.errors import Array
 from shield.estimation.clearance import ClearanceTracker
 from shield.estimation.scan import DEFAULT_SCANNER
 

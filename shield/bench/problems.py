@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from shield.arguments import Array
+from shield.errors import Array
 from shield.limits.actuator_limits import ActuatorLimits
 
 __all__ = ["bending_problems", "random_problems"]

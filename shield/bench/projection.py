@@ -10,10 +10,11 @@ import numpy as np
 import osqp
 from scipy import sparse
 
-from shield.arguments import Array
 from shield.bench.problems import bending_problems, random_problems
+from shield.errors import Array
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.rows import BoxLimit, RateLimit
+from shield.limits.box import BoxLimit
+from shield.limits.rate import RateLimit
 from shield.projection.projector import HorizonProjector
 
 __all__ = ["single_against_bare"]

@@ -11,8 +11,7 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
-from shield.arguments import check_positive
-from shield.errors import InvalidProblem
+from shield.errors import InvalidProblem, check_positive
 from shield.estimation.scan import DEFAULT_SCANNER, ScanFilter
 
 __all__ = ["ClearanceEstimate", "ClearanceTracker"]

@@ -12,8 +12,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from shield.arguments import Array, as_array, check_numbers, check_positive
-from shield.errors import InvalidProblem
+from shield.errors import Array, InvalidProblem, as_array, check_numbers, check_positive
 
 __all__ = ["ClusterTracker", "Track"]
 

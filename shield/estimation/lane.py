@@ -13,8 +13,14 @@ import numpy as np
 from filterpy.kalman import KalmanFilter
 from numpy.typing import NDArray
 
-from shield.arguments import Array, as_array, check_numbers, check_positive
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import (
+    Array,
+    InvalidLimits,
+    InvalidProblem,
+    as_array,
+    check_numbers,
+    check_positive,
+)
 
 __all__ = ["LaneEstimate", "LaneGeometry", "LaneMeasurement", "LaneTracker"]
 

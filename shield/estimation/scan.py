@@ -15,8 +15,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import Array, Mask, as_array, check_numbers, check_positive
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import (
+    Array,
+    InvalidLimits,
+    InvalidProblem,
+    Mask,
+    as_array,
+    check_numbers,
+    check_positive,
+)
 from shield.vehicle import VehicleGeometry
 
 __all__ = ["DEFAULT_SCANNER", "CleanScan", "ScanFilter", "ScannerGeometry"]

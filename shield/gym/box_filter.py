@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import Array, as_array, check_positive
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import Array, InvalidLimits, InvalidProblem, as_array, check_positive
 from shield.limits.rounding import differences_exceed, sums_below
 from shield.projection.certificate import Certificate, Status
 

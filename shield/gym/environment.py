@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import Array, as_array
-from shield.errors import InvalidLimits, InvalidProblem, MissingDependency
+from shield.errors import Array, InvalidLimits, InvalidProblem, MissingDependency, as_array
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
 from shield.limits.actuator_limits import ActuatorLimits

@@ -14,8 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike, NDArray
 
-from shield.arguments import Array, as_array
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import Array, InvalidLimits, InvalidProblem, as_array
 from shield.gym.box_filter import as_action, as_floating, certify
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.projection.certificate import Certificate, Status

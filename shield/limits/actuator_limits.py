@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import Array, as_array, as_float, check_within
-from shield.errors import InvalidLimits, InvalidProblem
+from shield.errors import Array, InvalidLimits, InvalidProblem, as_array, as_float, check_within
 from shield.limits.rounding import BAND, difference_exceeds
 
 __all__ = ["ActuatorLimits"]

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shield.arguments import Array, check_numbers
+from shield.errors import Array, check_numbers
 
 __all__ = ["CommandBounds"]
 

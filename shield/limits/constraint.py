@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.optimize import nnls
 
-from shield.arguments import Array
-from shield.errors import InvalidProblem
+from shield.errors import Array, InvalidProblem
 
 __all__ = ["UNBOUNDED", "Constraint", "RowStack", "Rows"]
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from shield.arguments import Array
+from shield.errors import Array
 
 __all__ = ["Certificate", "Projection", "Status"]
 

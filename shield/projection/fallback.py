@@ -6,7 +6,7 @@ command it always has an answer, without a solver and in time O(H).
 
 import numpy as np
 
-from shield.arguments import Array
+from shield.errors import Array
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.projection.repair import repair
 

@@ -10,11 +10,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from scipy import sparse
 
-from shield.arguments import Array, as_array, check_positive
-from shield.errors import InvalidProblem
+from shield.errors import Array, InvalidProblem, as_array, check_positive
 from shield.limits.actuator_limits import ActuatorLimits
+from shield.limits.box import BoxLimit
 from shield.limits.constraint import Constraint, RowStack
-from shield.limits.rows import BoxLimit, LateralLimit, RateLimit
+from shield.limits.lateral import LateralLimit
+from shield.limits.rate import RateLimit
 from shield.projection.certificate import Projection, Status
 from shield.projection.fallback import braking_targets
 from shield.projection.repair import is_admissible, repair, worst_excess

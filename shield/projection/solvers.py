@@ -15,8 +15,7 @@ import qpsolvers
 from qpsolvers.exceptions import QPError
 from scipy import sparse
 
-from shield.arguments import Array
-from shield.errors import InvalidProblem
+from shield.errors import Array, InvalidProblem
 from shield.limits.constraint import UNBOUNDED
 
 __all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "make_solver"]

@@ -7,8 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.arguments import as_array, check_numbers, check_positive
-from shield.errors import InvalidLimits
+from shield.errors import InvalidLimits, as_array, check_numbers, check_positive
 from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.command_bounds import CommandBounds

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from shield.arguments import Array
+from shield.errors import Array
 from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings
 

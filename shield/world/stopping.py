@@ -19,7 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from shield.arguments import Array
+from shield.errors import Array
 from shield.estimation.clusters import Track
 from shield.vehicle import VehicleGeometry
 from shield.world.surroundings import Surroundings

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from shield.arguments import Array, Mask, as_array, check_numbers
+from shield.errors import Array, Mask, as_array, check_numbers
 from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.scan import ScanFilter, ScannerGeometry
 

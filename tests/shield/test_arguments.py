@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from shield.arguments import check_within
+from shield.errors import check_within
 
 
 @pytest.mark.parametrize("value", [-0.1, 1.1, math.nan, math.inf, "1", None, True])

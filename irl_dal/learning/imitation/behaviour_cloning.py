@@ -29,7 +29,7 @@ from irl_dal.learning.reinforcement.policy import (
 )
 from irl_dal.perception import LearnableAdaptiveMask
 from irl_dal.shortcuts import reduced_precision
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 __all__ = ["BehaviourCloning", "CloningConfig"]
 

@@ -17,7 +17,7 @@ from torch import Tensor, nn
 from expert.replay import ReplayBuffer
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.shortcuts import reduced_precision
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 __all__ = ["DiffusionTraining", "DiffusionTrainingConfig"]
 

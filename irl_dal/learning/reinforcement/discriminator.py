@@ -21,7 +21,7 @@ from torch import Tensor, nn
 from torch.nn.functional import softplus
 
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 __all__ = ["Discriminator", "DiscriminatorConfig", "discriminator_loss"]
 

@@ -25,7 +25,7 @@ from torch import Tensor, nn
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, policy_arguments
 from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.perception import PerceptionConfig
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 __all__ = ["ActorCriticAdam", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
 

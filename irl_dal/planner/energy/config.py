@@ -4,7 +4,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, get_args
 
-from shield.arguments import check_positive, check_within
+from shield.errors import check_positive, check_within
 
 EnergyForms = Literal["rollout", "printed"]
 

@@ -1,7 +1,5 @@
 """A run folder that nobody trained, and a comparison on it that takes seconds."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

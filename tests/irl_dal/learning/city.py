@@ -1,7 +1,5 @@
 """The real control loop with everything in it, and a schedule of a few seconds."""
 
-from __future__ import annotations
-
 import os
 from dataclasses import replace
 from functools import partial

@@ -1,7 +1,5 @@
 """Observations with a label that can be learnt from them, for tests that need no simulator."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 from gymnasium import spaces

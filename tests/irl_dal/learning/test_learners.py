@@ -1,7 +1,5 @@
 """What the learners draw from the replay buffer and from the rollout."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Algorithm 1 from end to end, on the real city."""
 
-from __future__ import annotations
-
 import os
 import signal
 import subprocess

@@ -1,7 +1,5 @@
 """The progress bar."""
 
-from __future__ import annotations
-
 from io import StringIO
 
 from rich.console import Console

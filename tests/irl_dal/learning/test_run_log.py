@@ -1,7 +1,5 @@
 """The metrics file."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import pytest

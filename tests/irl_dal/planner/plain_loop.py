@@ -1,7 +1,5 @@
 """The plain way to plan: a torch network in a loop over a scheduler of `diffusers`."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any, Literal
 

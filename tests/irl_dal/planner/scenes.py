@@ -1,7 +1,5 @@
 """Planning contexts for the tests."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Checkpoints: complete or not there, and never a line of code in them."""
 
-from __future__ import annotations
-
 import json
 import os
 import signal

@@ -1,7 +1,5 @@
 """Two processes never train in one run folder."""
 
-from __future__ import annotations
-
 import signal
 import subprocess
 import sys

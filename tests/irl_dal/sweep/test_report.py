@@ -1,7 +1,5 @@
 """From runs to the paper's table."""
 
-from __future__ import annotations
-
 import json
 import re
 import shutil

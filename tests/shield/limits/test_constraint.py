@@ -7,8 +7,10 @@ import pytest
 from scipy import sparse
 
 from shield import UNBOUNDED, InvalidLimits, InvalidProblem, Rows
+from shield.limits.box import BoxLimit
 from shield.limits.constraint import RowStack
-from shield.limits.rows import BoxLimit, LateralLimit, RateLimit
+from shield.limits.lateral import LateralLimit
+from shield.limits.rate import RateLimit
 from tests.shield import tolerances
 from tests.shield.oracles import quadratic_program
 from tests.shield.strategies import CITY, Array

@@ -1,7 +1,5 @@
 """What a car records of every step, and where its episodes come from."""
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The cars together."""
 
-from __future__ import annotations
-
 import time
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What is stored, counted and averaged of the cars' steps."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 

@@ -1,7 +1,5 @@
 """Behaviour cloning of the policy's mean action."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

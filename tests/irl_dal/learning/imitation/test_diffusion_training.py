@@ -1,7 +1,5 @@
 """Training of the planner's denoiser."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

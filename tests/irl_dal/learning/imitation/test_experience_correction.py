@@ -1,7 +1,5 @@
 """What is learnt from steps on which the planner acted."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

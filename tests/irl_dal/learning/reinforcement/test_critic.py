@@ -1,7 +1,5 @@
 """The critic's warm start."""
 
-from __future__ import annotations
-
 import numpy as np
 import torch
 

@@ -1,7 +1,5 @@
 """The GAIL discriminator."""
 
-from __future__ import annotations
-
 import copy
 
 import numpy as np

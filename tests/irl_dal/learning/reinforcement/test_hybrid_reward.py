@@ -1,7 +1,5 @@
 """The hybrid reward."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 from hypothesis import given

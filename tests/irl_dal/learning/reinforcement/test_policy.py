@@ -1,7 +1,5 @@
 """The policy around stable-baselines3's actor and critic."""
 
-from __future__ import annotations
-
 import numpy as np
 import pytest
 import torch

@@ -1,7 +1,5 @@
 """PPO around the cloned policy."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import gymnasium

@@ -1,7 +1,5 @@
 """The rollout buffer that mixes the rewards."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

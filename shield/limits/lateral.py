@@ -1,8 +1,8 @@
-r"""The limits of the actuators as rows: G1 the box, G2 the rates, G3 the lateral acceleration.
+r"""G3: the lateral acceleration, as tangents.
 
-G3 is not linear. With :math:`c(\delta, v) = v^2\tan\delta/L` the admissible commands of one side
-lie below the convex curve :math:`c = a_{lat}`, so the half-plane below a tangent of the curve lies
-in them: rows that touch the curve are never looser than the bound. CasADi gives the gradient.
+With :math:`c(\delta, v) = v^2\tan\delta/L` the admissible commands of one side lie below the
+convex curve :math:`c = a_{lat}`, so the half-plane below a tangent of the curve lies in them: rows
+that touch the curve are never looser than the bound. CasADi gives the gradient.
 """
 
 from typing import Any
@@ -11,44 +11,12 @@ import casadi
 import numpy as np
 from scipy import sparse
 
-from shield.arguments import Array
-from shield.errors import InvalidLimits
+from shield.errors import Array, InvalidLimits
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import UNBOUNDED, Rows
 from shield.vehicle import KinematicBicycle
 
-__all__ = ["BoxLimit", "LateralLimit", "RateLimit"]
-
-
-class BoxLimit:
-    """G1: every one of H commands in the box; 2 H rows."""
-
-    def __init__(self, limits: ActuatorLimits, horizon: int) -> None:
-        identity = sparse.identity(2 * horizon, format="csr")
-        self._rows = Rows(identity, np.tile(limits.low, horizon), np.tile(limits.high, horizon))
-
-    def rows(self, actions: Array, previous: Array) -> Rows:
-        """Return the identity between the corners of the box, whatever the horizon."""
-        return self._rows
-
-
-class RateLimit:
-    """G2: every one of H commands within a step of the last, the first of `previous`; 2 H rows."""
-
-    def __init__(self, limits: ActuatorLimits, horizon: int) -> None:
-        size = 2 * horizon
-        ones = np.ones(size)
-        differences = sparse.diags([ones, -ones[2:]], [0, -2], shape=(size, size))
-        self._matrix = sparse.csr_matrix(differences)
-        self._lower = np.tile(-limits.max_decrease, horizon)
-        self._upper = np.tile(limits.max_increase, horizon)
-
-    def rows(self, actions: Array, previous: Array) -> Rows:
-        """Return the first differences between the largest fall and the largest rise."""
-        lower, upper = self._lower.copy(), self._upper.copy()
-        lower[:2] += previous
-        upper[:2] += previous
-        return Rows(self._matrix, lower, upper)
+__all__ = ["LateralLimit"]
 
 
 class LateralLimit:
