@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -35,7 +35,10 @@ def film_writer(path: Path, rate: float, **options: Any) -> Iterator[Any]:
     path.parent.mkdir(parents=True, exist_ok=True)
     partial = path.with_name(f".part-{path.name}")
     try:
-        with imageio.get_writer(partial, fps=rate, macro_block_size=2, **options) as writer:
+        # imageio's own context leaves the encoder running when an exception ends it.
+        with closing(
+            imageio.get_writer(partial, fps=rate, macro_block_size=2, **options)
+        ) as writer:
             yield writer
         partial.replace(path)
     finally:
