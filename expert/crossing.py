@@ -56,7 +56,7 @@ class Pedestrian:
 
     s: float  # Distance along the lane from the bumper [m]
     d: float  # Offset to the left of the home lane's centre [m]
-    direction: float  # +1 for a pedestrian who walks to the left, -1 to the right
+    direction: float  # +1 for a pedestrian walking to the left, -1 to the right
 
     def blocks(self, offset: float, speed: float, room: float) -> bool:
         """Whether the pedestrian is in the car's path, or will be before it has passed.

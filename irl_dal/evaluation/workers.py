@@ -112,6 +112,6 @@ def _work(config: RunConfig, spec: AgentSpec, calls: Sequence[Any]) -> list[Any]
             results.append(work(rig, item))
             if kept is not None:
                 store, what, name = kept
-                with suppress(OSError):  # a convenience: somebody else's folder
+                with suppress(OSError):  # a convenience: the folder may be another user's
                     store.put(what, name, results[-1])
     return results
