@@ -5,7 +5,7 @@ python -m irl_dal.compare run=DIR [episodes=N] [first_seed=N] [projections=[none
 
 from irl_dal.cli.preflight import preflight
 
-preflight("drive")
+preflight("drive", command=__name__)
 
 from dataclasses import fields
 

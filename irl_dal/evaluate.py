@@ -6,7 +6,7 @@ python -m irl_dal.evaluate run=DIR | policy=expert|random
 
 from irl_dal.cli.preflight import preflight
 
-preflight("drive")
+preflight("drive", command=__name__)
 
 from dataclasses import replace
 from pathlib import Path

@@ -5,7 +5,7 @@ python -m irl_dal.report runs=DIR [out=DIR] [page=README.md]
 
 from irl_dal.cli.preflight import preflight
 
-preflight("drive", "report")
+preflight("drive", "report", command=__name__)
 
 from dataclasses import asdict
 from pathlib import Path

@@ -7,7 +7,7 @@ python -m irl_dal.train -m variant=NAME,NAME seed=0,1 'run_dir=runs/sweep/${vari
 
 from irl_dal.cli.preflight import preflight
 
-preflight("drive")
+preflight("drive", command=__name__)
 
 from dataclasses import replace
 from datetime import datetime

@@ -11,7 +11,7 @@ python -m irl_dal.bench learning how long gradient steps take on one thread and 
 
 from irl_dal.cli.preflight import preflight
 
-preflight("drive")
+preflight("drive", command=__name__)
 
 import argparse
 import sys

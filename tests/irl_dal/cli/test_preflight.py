@@ -1,8 +1,10 @@
 import ast
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
@@ -76,3 +78,62 @@ def test_a_command_names_the_extra_that_it_lacks(command: str, module: str, extr
     )
     (line,) = done.stderr.splitlines()
     assert done.returncode == 2 and line.endswith(f"pip install 'irl-dal[{extra}]'")
+
+
+INTERRUPTED_IMPORT = """
+import os, runpy, signal, sys
+class Terminal:
+    def find_spec(name, path=None, target=None):
+        if name == {module!r}:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+            except BaseException:
+                pass  # libraries do that
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Terminal)
+signal.signal(signal.SIGINT, signal.default_int_handler)
+{start}
+"""
+"""A process in which Ctrl-C is typed while `module` is imported."""
+
+
+@pytest.mark.parametrize(
+    ("command", "module"),
+    [
+        ("train", "omegaconf.base"),
+        ("evaluate", "omegaconf.base"),
+        ("compare", "omegaconf.base"),
+        ("report", "omegaconf.base"),
+        ("bench.__main__", "rich.console"),
+    ],
+)
+@pytest.mark.parametrize(
+    "start", ["runpy.run_module({0!r}, run_name='__main__', alter_sys=True)", "import {0}"]
+)
+def test_ctrl_c_while_modules_are_imported_is_one_line(
+    command: str, module: str, start: str
+) -> None:
+    """With `python -m` as with the console scripts; nothing has begun that could be lost."""
+    code = INTERRUPTED_IMPORT.format(module=module, start=start.format(f"irl_dal.{command}"))
+    environment = {**os.environ, "PYTHONPATH": str(ROOT)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], env=environment, capture_output=True, text=True
+    )
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "interrupted\n")
+
+
+def test_ctrl_c_raises_again_after_the_imports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """From where a command has its `main`, which tidies up; a process that ignores it goes on."""
+    module = ModuleType("command")
+    monkeypatch.setitem(sys.modules, "command", module)
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        preflight(command="command")
+        assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+        preflight(command="command")
+        monkeypatch.setattr(module, "main", None, raising=False)
+        with pytest.raises(KeyboardInterrupt):
+            os.kill(os.getpid(), signal.SIGINT)
+    finally:
+        signal.signal(signal.SIGINT, before)
