@@ -83,3 +83,11 @@ def chunks(rng: np.random.Generator, around: PlanningContext, batch: int) -> Arr
     """Normalised plans (B, H, 2) that start near the last command."""
     steps = rng.normal(0.0, 0.08, (batch, HORIZON, 2))
     return np.asarray(LIMITS.to_action(around.previous) + np.cumsum(steps, axis=1))
+
+
+def breaks_a_bound(plan: np.ndarray, previous: np.ndarray) -> bool:
+    """Whether a horizon is inadmissible from the last command on."""
+    return any(
+        LIMITS.violated(now, before)
+        for now, before in zip(plan, [previous, *plan[:-1]], strict=True)
+    )

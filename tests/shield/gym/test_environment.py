@@ -1,73 +1,28 @@
 """The shield around other people's environments."""
 
-import copy
-import json
 from dataclasses import replace
 from fractions import Fraction
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
+from gymnasium.vector import AutoresetMode
 
-gymnasium = pytest.importorskip("gymnasium")
-
-from gymnasium.envs.registration import EnvSpec
-from gymnasium.utils.env_checker import check_env
-
-from shield import ActuatorLimits, InvalidLimits, InvalidProblem, SafetyFilter, Status
-from shield.gym import ShieldedEnv, ShieldedVectorEnv
+from shield import ActuatorLimits, InvalidLimits, InvalidProblem, Status
+from shield.gym import ShieldedEnv
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
+from tests.shield.gym.recorder import (
+    DT,
+    RATE,
+    Recorder,
+    assert_rates,
+    unit_box,
+    vector_of_recorders,
+)
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, VEHICLES
-
-AutoresetMode = gymnasium.vector.AutoresetMode
-RATE, DT = 7.3, 0.05
-
-
-class Recorder(gymnasium.Env[np.ndarray, np.ndarray]):
-    """An environment that remembers the actions it was given.
-
-    Args:
-        space: Its action space.
-        length: Steps in an episode.
-    """
-
-    observation_space = gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32)
-
-    def __init__(self, space: gymnasium.spaces.Space[Any], length: int = 1000) -> None:
-        self.action_space = space
-        self.actions: list[Any] = []
-        self._length = length
-
-    def reset(
-        self, *, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Forget the actions."""
-        super().reset(seed=seed)
-        self.actions = []
-        return np.zeros(1, np.float32), {}
-
-    def step(self, action: Any) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Remember an action."""
-        self.actions.append(action)
-        done = len(self.actions) >= self._length
-        return np.zeros(1, np.float32), 0.0, done, False, {"own": 1}
-
-
-def unit_box(dtype: Any = np.float32) -> gymnasium.spaces.Box:
-    """Return the normalised action space of a car."""
-    return gymnasium.spaces.Box(-1.0, 1.0, (2,), dtype)
-
-
-def assert_rates(actions: list[np.ndarray], low: float, high: float, step: float) -> None:
-    """Box and rate hold exactly from rest at zero."""
-    last = Fraction(0)
-    for action in actions:
-        value = Fraction(float(action[0]))
-        assert Fraction(low) <= value <= Fraction(high)
-        assert abs(value - last) <= Fraction(step)
-        last = value
 
 
 def test_pendulum_is_kept_within_box_and_rate_exactly() -> None:
@@ -228,70 +183,6 @@ def test_highway_env_is_kept_within_its_rates() -> None:
     assert Status.PROJECTED in statuses
 
 
-@pytest.mark.parametrize("mode", ["sync", "async"])
-def test_vectorised_environments_are_shielded_one_by_one(mode: str) -> None:
-    """`ShieldedEnv` of a vectorised environment gives certificates for each."""
-    env = ShieldedEnv(
-        gymnasium.make_vec("Pendulum-v1", num_envs=3, vectorization_mode=mode), rate=RATE, dt=DT
-    )
-    assert isinstance(env, ShieldedVectorEnv)
-    env.reset(seed=0)
-    env.action_space.seed(0)
-    executed: list[list[np.ndarray]] = [[], [], []]
-    for _ in range(50):
-        info = env.step(env.action_space.sample())[-1]
-        assert info["_certificate"].all()
-        for index in range(3):
-            executed[index].append(info["certificate"][index].safe_action)
-    for actions in executed:
-        assert_rates(actions, -2.0, 2.0, RATE * DT)
-    env.close()
-
-
-def _vector(mode: AutoresetMode) -> tuple[Any, list[Recorder]]:
-    recorders = [Recorder(gymnasium.spaces.Box(-1.0, 1.0, (1,), np.float32), n) for n in (3, 5)]
-    vector = gymnasium.vector.SyncVectorEnv(
-        [lambda one=one: one for one in recorders], autoreset_mode=mode
-    )
-    return ShieldedEnv(vector, rate=0.25), recorders
-
-
-def test_a_sub_environment_that_ends_starts_from_rest_again() -> None:
-    """In each autoreset mode the first action of an episode is tied to rest, not to the old one."""
-    wish = np.ones((2, 1), np.float32)
-    env, recorders = _vector(AutoresetMode.NEXT_STEP)
-    env.reset()
-    infos = [env.step(wish)[-1] for _ in range(5)]
-    assert infos[3]["_certificate"].tolist() == [False, True]
-    assert infos[3]["certificate"][0] is None
-    assert infos[4]["certificate"][0].safe_action.tolist() == [0.25]
-    assert infos[4]["certificate"][1].safe_action.tolist() == [1.0]
-    env, recorders = _vector(AutoresetMode.SAME_STEP)
-    env.reset()
-    infos = [env.step(wish)[-1] for _ in range(4)]
-    assert infos[3]["certificate"][0].safe_action.tolist() == [0.25]
-    assert infos[3]["certificate"][1].safe_action.tolist() == [1.0]
-    env, recorders = _vector(AutoresetMode.DISABLED)
-    env.reset()
-    for _ in range(3):
-        env.step(wish)
-    env.reset(options={"reset_mask": np.array([True, False])})
-    info = env.step(wish)[-1]
-    assert info["certificate"][0].safe_action.tolist() == [0.25]
-    assert info["certificate"][1].safe_action.tolist() == [1.0]
-    assert len(recorders) == 2
-
-
-def test_the_wrapper_can_be_rebuilt_from_its_spec() -> None:
-    """As gymnasium asks of wrappers."""
-    env = ShieldedEnv(gymnasium.make("Pendulum-v1"), rate=RATE, dt=DT)
-    assert env.spec is not None
-    again = gymnasium.make(env.spec)
-    again.reset(seed=0)
-    certificate = again.step(np.array([2.0], np.float32))[-1]["certificate"]
-    assert certificate.safe_action[0] == pytest.approx(RATE * DT)
-
-
 @pytest.mark.parametrize(
     ("space", "arguments", "error", "name"),
     [
@@ -341,40 +232,6 @@ def test_a_unit_box_in_physical_units_is_kept_within_the_physical_bounds() -> No
         ShieldedEnv(Recorder(unit_box()), CITY)
 
 
-@pytest.mark.parametrize("arguments", [{"rate": 0.5}, {"limits": CITY, "normalised": True}])
-def test_gymnasium_finds_nothing_wrong(arguments: dict[str, Any]) -> None:
-    """`check_env` compares the infos of two equal episodes, certificates included."""
-    env = ShieldedEnv(Recorder(unit_box()), **arguments)
-    check_env(env, skip_render_check=True)
-
-
-def test_certificates_compare_by_what_they_say() -> None:
-    """Equal where the actions are; the time of the call is no part of that; NaN is itself."""
-    wishes = [[0.4, 9.0], [np.nan, 1.0]]
-    first, second = ([SafetyFilter(CITY).filter(wish) for wish in wishes] for _ in range(2))
-    assert first == second
-    assert hash(first[1]) == hash(second[1])
-    assert first[0] != first[1]
-    assert first[0] != SafetyFilter(CITY).filter([0.4, 8.0])
-    assert first[0] != "certificate"
-
-
-@pytest.mark.parametrize("arguments", [{"rate": 0.1}, {"limits": CITY, "normalised": True}])
-def test_a_deep_copy_goes_on_by_itself(arguments: dict[str, Any]) -> None:
-    """From the same last executed action, and without a trace in the original."""
-    env, other = (ShieldedEnv(Recorder(unit_box()), **arguments) for _ in range(2))
-    for one in (env, other):
-        one.reset(seed=0)
-        one.step(np.array([0.05, 0.05], np.float32))
-    ahead = copy.deepcopy(env)
-    wish = np.ones(2, np.float32)
-    expected = ahead.step(wish)[-1]["certificate"]
-    for _ in range(3):
-        ahead.step(wish)
-    assert env.step(wish)[-1]["certificate"] == expected
-    assert other.step(wish)[-1]["certificate"] == expected
-
-
 def test_a_space_without_dimensions_is_shielded() -> None:
     """`Box(-1, 1, ())` is a box of floating point numbers."""
     env = ShieldedEnv(Recorder(gymnasium.spaces.Box(-1.0, 1.0, ())), rate=0.3)
@@ -385,32 +242,6 @@ def test_a_space_without_dimensions_is_shielded() -> None:
         assert env.action_space.contains(env.unwrapped.actions[-1])
         assert float(certificate.safe_action) == pytest.approx(expected, abs=1e-6)
     assert env.step(np.nan)[-1]["certificate"].status is Status.FALLBACK
-
-
-@pytest.mark.parametrize(
-    "arguments", [{"rate": [7.3], "low": np.array([-1.0]), "dt": DT}, {"rest": [0.5]}]
-)
-def test_a_specification_survives_json(arguments: dict[str, Any]) -> None:
-    """Arrays are lists in it, limits the mapping of their fields."""
-    env = ShieldedEnv(gymnasium.make("Pendulum-v1"), **arguments)
-    again = gymnasium.make(EnvSpec.from_json(env.spec.to_json()))
-    env.reset(seed=0)
-    again.reset(seed=0)
-    wish = np.array([-2.0], np.float32)
-    for _ in range(5):
-        assert again.step(wish)[-1]["certificate"] == env.step(wish)[-1]["certificate"]
-
-
-def test_limits_survive_json() -> None:
-    """And the wrapper takes them as a mapping."""
-    limits = ActuatorLimits(max_speed=7.0, max_lateral_acceleration=None)
-    env = ShieldedEnv(Recorder(unit_box()), limits, normalised=True)
-    arguments = json.loads(json.dumps(env._saved_kwargs))
-    again = ShieldedEnv(Recorder(unit_box()), **arguments)
-    for one in (env, again):
-        one.reset(seed=0)
-    wish = np.array([0.3, 0.9], np.float32)
-    assert again.step(wish)[-1]["certificate"] == env.step(wish)[-1]["certificate"]
 
 
 def test_wrong_actions_raise() -> None:
@@ -424,7 +255,7 @@ def test_wrong_actions_raise() -> None:
     car.reset()
     with pytest.raises(InvalidProblem, match="`action`"):
         car.step(np.zeros(3))
-    vector, _ = _vector(AutoresetMode.NEXT_STEP)
+    vector, _ = vector_of_recorders(AutoresetMode.NEXT_STEP)
     vector.reset()
     with pytest.raises(InvalidProblem, match="`actions`"):
         vector.step(np.zeros((3, 1)))
