@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 from expert.lane_map import LaneMap
 from shield import ClusterTracker, Track
-from shield.errors import check_positive, check_within
 
 MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
@@ -20,25 +19,15 @@ BEHIND = -1.0  # [m] from the bumper; further back the scanner sees nothing
 RIGHT_END, LEFT_END = -2.0, 5.4  # [m] both lanes and their edges, from the home lane's centre
 APPROACH = 2.0  # [m] beside that zone in which clusters are already judged
 MAX_ALONG_SPEED = 1.5  # [m/s] along the lane; faster clusters are vehicles
+MIN_SIDEWAYS_SPEED = 0.6  # [m/s] from which a narrow cluster is a pedestrian
 MAX_SIDEWAYS_SPEED = 2.5  # [m/s] faster than a pedestrian crosses: a false match
 BARREL_ZONE = 1.05  # [m] from the home lane's centre; no barrel stands further aside
 BARREL_ZONE_GROWTH = 0.02  # [m/m] of distance ahead, because the lane is uncertain there
 FAST_WALK = 1.5  # [m/s] assumed of a pedestrian who has not reached the car's path yet
+ROOM = 1.9  # [m] sideways distance at which a pedestrian is out of the way
+STANDOFF = 1.5  # [m] added to the usual distance in front of a pedestrian
 PASSED = 6.0  # [m] from the front bumper to behind the car, with a margin
 MIN_PASSING_SPEED = 3.0  # [m/s] so that a car that has stopped drives on in front of a far one
-
-
-@dataclass(frozen=True, slots=True)
-class CrossingConfig:
-    """What counts as a pedestrian, and how far the car stays away."""
-
-    speed: float = 0.6  # Sideways speed from which a narrow cluster is a pedestrian [m/s]
-    room: float = 1.9  # Sideways distance at which a pedestrian is out of the way [m]
-    standoff: float = 1.5  # Added to the usual distance in front of a pedestrian [m]
-
-    def __post_init__(self) -> None:
-        check_positive(ValueError, speed=self.speed, room=self.room)
-        check_within(ValueError, 0.0, math.inf, standoff=self.standoff)
 
 
 @dataclass(slots=True)
@@ -58,15 +47,15 @@ class Pedestrian:
     d: float  # Offset to the left of the home lane's centre [m]
     direction: float  # +1 for a pedestrian walking to the left, -1 to the right
 
-    def blocks(self, offset: float, speed: float, room: float) -> bool:
+    def blocks(self, offset: float, speed: float) -> bool:
         """Whether the pedestrian is in the car's path, or will be before it has passed.
 
-        The car drives at `offset` [m] with `speed` [m/s]; `room` as in `CrossingConfig` [m].
+        The car drives at `offset` [m] with `speed` [m/s].
         """
         past = self.direction * (self.d - offset)
-        if past > room:
+        if past > ROOM:
             return False
-        arrives = max(0.0, -past - room) / FAST_WALK
+        arrives = max(0.0, -past - ROOM) / FAST_WALK
         return arrives < (self.s + PASSED) / max(speed, MIN_PASSING_SPEED)
 
 
@@ -76,8 +65,7 @@ class CrossingWatch:
     `mount` leads from the rear axle to the scanner [m].
     """
 
-    def __init__(self, config: CrossingConfig, dt: float, mount: float) -> None:
-        self.config = config
+    def __init__(self, dt: float, mount: float) -> None:
         self._tracker = ClusterTracker(
             dt, mount, width=MAX_WIDTH, separation=SEPARATION, memory=MEMORY
         )
@@ -118,14 +106,14 @@ class CrossingWatch:
         self, judgement: _Judgement, track: Track, place: tuple[float, float], heading: float
     ) -> None:
         """Decide whether a track is a pedestrian, and in which direction it crosses."""
-        speed, (s, d) = self.config.speed, place
+        s, d = place
         forward, left = track.velocity.tolist()
         sideways = math.cos(heading) * left - math.sin(heading) * forward
         along = math.cos(heading) * forward + math.sin(heading) * left
         if track.sightings == MEMORY and abs(along) < MAX_ALONG_SPEED:
-            if speed < abs(sideways) < MAX_SIDEWAYS_SPEED:
+            if MIN_SIDEWAYS_SPEED < abs(sideways) < MAX_SIDEWAYS_SPEED:
                 judgement.pedestrian = True
-            if abs(sideways) > 0.5 * speed:
+            if abs(sideways) > 0.5 * MIN_SIDEWAYS_SPEED:
                 judgement.direction = math.copysign(1.0, sideways)
             else:
                 judgement.pedestrian = False

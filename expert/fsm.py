@@ -5,19 +5,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
-from expert.crossing import CrossingConfig, CrossingWatch, Pedestrian
-from expert.lane_map import LaneMap
-from expert.lateral import LateralConfig, steer
+from expert.crossing import STANDOFF, CrossingWatch, Pedestrian
+from expert.lane_map import Array, LaneMap
+from expert.lateral import steer
 from expert.longitudinal import PREVIEW, LongitudinalConfig, bend_speed, stopping_speed
 from expert.modes import Mode
 from expert.neighbour import Neighbour
 from shield import ActuatorLimits, LaneEstimate, LaneGeometry, ScannerGeometry, VehicleGeometry
 from shield.errors import check_positive
 from shield.estimation.scan import ScanFilter
-
-Array = NDArray[np.float64]
 
 CORRIDOR = 1.45  # [m] half width of the strip that must be free for a lane to be free
 BESIDE = 1.0  # [m] points up to this far behind the bumper are beside the car
@@ -34,12 +31,13 @@ MAX_LAG = 1.5  # [m] distance to the target offset at which the target restarts 
 SETTLED = 0.7  # [m] offset to a lane's centre at which a lane change is over
 PACE_TIME = 0.6  # [s] time constant of the speed for bends: the estimate of a bend is noisy
 INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
-SCANNER, VEHICLE, LANES = ScannerGeometry(), VehicleGeometry(), LaneGeometry()
+PASSING_LANE = LaneGeometry().width  # [m] offset of its centre to the left of the home lane's
+SCANNER, VEHICLE = ScannerGeometry(), VehicleGeometry()
 
 
 @dataclass(frozen=True, slots=True)
 class ExpertConfig:
-    """How the expert changes lanes, and the gains of its controllers."""
+    """How the expert changes lanes, and how fast it drives."""
 
     sight: float = 30.0  # Gap in the home lane below which the expert overtakes [m]
     clear: float = 22.0  # Gap in the home lane from which it goes back [m]
@@ -47,9 +45,7 @@ class ExpertConfig:
     shift_rate: float = 1.8  # Speed at which the target offset moves across the road [m/s]
     shift_acceleration: float = 1.5  # At which that speed rises and falls [m/s^2]
     avoidance_speed: float = 7.0  # Set-point next to obstacles [m/s]
-    lateral: LateralConfig = field(default_factory=LateralConfig)  # Gains of the steering cascade
     longitudinal: LongitudinalConfig = field(default_factory=LongitudinalConfig)
-    crossing: CrossingConfig = field(default_factory=CrossingConfig)  # What counts as a pedestrian
 
     def __post_init__(self) -> None:
         numbers = ("sight", "clear", "hold", "shift_rate", "shift_acceleration", "avoidance_speed")
@@ -83,15 +79,13 @@ class FSMExpert:
         *,
         scanner: ScannerGeometry = SCANNER,
         vehicle: VehicleGeometry = VEHICLE,
-        lanes: LaneGeometry = LANES,
     ) -> None:
         self._config = config
         self._limits = limits
         self._scanner = scanner
-        self._passing_lane = lanes.width
         self._body = 0.5 * vehicle.width + BODY_MARGIN
-        self._scan_filter = ScanFilter(self._scanner.max_range)
-        self._watch = CrossingWatch(config.crossing, limits.dt, self._scanner.mount)
+        self._scan_filter = ScanFilter(scanner.max_range)
+        self._watch = CrossingWatch(limits.dt, scanner.mount)
         self._neighbour = Neighbour(config.clear, config.hold, limits.dt, vehicle.length)
         self.reset()
 
@@ -126,9 +120,7 @@ class FSMExpert:
             fastest = min(fastest, self._config.avoidance_speed)
         if not clean.usable:
             fastest = min(fastest, self._config.longitudinal.blind_speed)
-        steering = steer(
-            self._config.lateral, lane, target, rate, speed, float(previous[0]), self._limits
-        )
+        steering = steer(lane, target, rate, speed, float(previous[0]), self._limits)
         setpoint = np.clip([steering, fastest], self._limits.low, self._limits.high)
         return ExpertDecision(setpoint, self.approach(setpoint, previous, 1)[0], self._mode)
 
@@ -149,7 +141,7 @@ class FSMExpert:
         home = lanes.gap(0.0, CORRIDOR, -BESIDE)
         flank = lanes.gap(0.0, FLANK, -BESIDE)
         home = min(home, flank) if flank < FLANK_REACH else home
-        passing = lanes.gap(self._passing_lane, CORRIDOR, -BESIDE)
+        passing = lanes.gap(PASSING_LANE, CORRIDOR, -BESIDE)
         self._neighbour.update(home, speed)
         mode, offset, sight = self._mode, lane.lateral_offset, self._config.sight
         if mode in (Mode.LANE_FOLLOWING, Mode.RETURNING):
@@ -161,7 +153,7 @@ class FSMExpert:
         overseen = min(abs(bend) for bend in ends) < MAX_BEND
         if overseen and self._neighbour.passed(speed):
             return Mode.RETURNING
-        arrived = abs(offset - self._passing_lane) < SETTLED
+        arrived = abs(offset - PASSING_LANE) < SETTLED
         return Mode.DRIVING_STRAIGHT if arrived else mode
 
     def _shift(self, offset: float, speed: float) -> tuple[float, float]:
@@ -197,16 +189,16 @@ class FSMExpert:
         speed: float,
     ) -> float:
         """Speed from which the car stops before obstacles and pedestrians in its path [m/s]."""
-        config, offset = self._config.crossing, lane.lateral_offset
+        offset = lane.lateral_offset
         slope = min(MAX_SLOPE, self._config.shift_rate / max(speed, MIN_SHIFT_SPEED))
         gap = lanes.gap_on_the_way(offset, self._goal(), slope, self._body)
         bumper = offset + self._scanner.mount * math.sin(lane.heading_error)
         for person in people:
-            if any(person.blocks(path, speed, config.room) for path in (offset, bumper, target)):
-                gap = min(gap, max(0.0, person.s - config.standoff))
+            if any(person.blocks(path, speed) for path in (offset, bumper, target)):
+                gap = min(gap, max(0.0, person.s - STANDOFF))
         return stopping_speed(self._config.longitudinal, gap)
 
     def _goal(self) -> float:
         """Offset of the mode's lane [m]."""
         passing = self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT)
-        return self._passing_lane if passing else 0.0
+        return PASSING_LANE if passing else 0.0

@@ -110,25 +110,17 @@ class ReplayBuffer:
         self._following, self._preceding = np.full((2, capacity), -1, np.int64)
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
-        self._size = self._counter = 0
+        self._size = 0
+        self.counter = 0  # Transitions ever added; the serial number of the next one
         self._latest: dict[int, int] = {}
 
     def __len__(self) -> int:
         return self._size
 
     @property
-    def counter(self) -> int:
-        """Transitions ever added; the serial number of the next one."""
-        return self._counter
-
-    @property
     def sizes(self) -> dict[Mode, int]:
         """Transitions in each partition."""
         return {mode: len(queue) for mode, queue in self._queues.items()}
-
-    def is_held_out(self, episode: int) -> bool:
-        """Whether an episode belongs to the validation split."""
-        return episode % self.held_out_every == 1
 
     def add(self, transition: Transition) -> None:
         """Store a transition, dropping the oldest of the fullest partition if there is no room.
@@ -140,7 +132,7 @@ class ReplayBuffer:
             expected, got = self._data[name].shape[1:], np.shape(value)
             if got != expected:
                 raise ValueError(f"`{name}` must have shape {expected}. Got {got}.")
-        self._insert(values | {"serial": self._counter})
+        self._insert(values | {"serial": self.counter})
 
     def sample(
         self,
@@ -233,7 +225,7 @@ class ReplayBuffer:
                 self._insert({name: shard[name][row] for name in self._data})
         if not np.array_equal(self.live(), live):
             raise ValueError(f"`shards` hold {self._size} of the {len(live)} stored transitions.")
-        self._counter = counter
+        self.counter = counter
 
     def _insert(self, values: Mapping[str, Any]) -> None:
         mode = Mode(int(values["mode"]))
@@ -243,7 +235,7 @@ class ReplayBuffer:
         self._queues[mode].append(slot)
         self._link(slot)
         self._size += 1
-        self._counter = int(values["serial"]) + 1
+        self.counter = int(values["serial"]) + 1
         self._cache.clear()
 
     def _link(self, slot: int) -> None:

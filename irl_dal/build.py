@@ -63,10 +63,8 @@ def build_loop(
 ) -> ControlLoop:
     """The city, the expert and the control loop around them."""
     city = CityEnv(config.env, config.limits, render_mode)
-    part = config.env
-    expert = FSMExpert(
-        config.expert, config.limits, scanner=part.scanner, vehicle=part.vehicle, lanes=part.lanes
-    )
+    scanner, vehicle = config.env.scanner, config.env.vehicle
+    expert = FSMExpert(config.expert, config.limits, scanner=scanner, vehicle=vehicle)
     return ControlLoop(city, expert, supervision, config.shield.trigger, config.shield.barrier)
 
 

@@ -23,7 +23,9 @@ from gymnasium.wrappers import OrderEnforcing, PassiveEnvChecker
 from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
+from irl_dal.arrays import Array, Info, Observation
 from irl_dal.envs import CityEnv, Overlay
+from irl_dal.envs.road import LANES
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
@@ -39,10 +41,6 @@ from shield import (
 )
 
 __all__ = ["SOURCES", "ControlLoop", "Info", "Observation", "Supervision"]
-
-Array = NDArray[np.float64]
-Observation = dict[str, NDArray[Any]]
-Info = dict[str, Any]
 
 CREEP_SPEED = 2.0  # [m/s] least speed of a stalled car's command: walking pace, enough to get away
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
@@ -98,8 +96,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._scanner = self.city.config.scanner
         self._clearance = ClearanceTracker(self.limits.dt, self._scanner.max_range)
         self._lane = LaneTracker(self.limits.dt)
-        centres = self.city.config.lanes.centres
-        self._centres = centres if trigger.passing_lane else centres[:1]
+        self._centres = LANES.centres if trigger.passing_lane else LANES.centres[:1]
         self._trigger = RiskTrigger(trigger, self.limits.dt, self._centres)
         self._barrier: ObstacleBarrier | None = None
         if barrier is not None and barrier.enabled:

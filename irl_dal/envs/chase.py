@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, World

@@ -11,15 +11,16 @@ import numpy as np
 from gymnasium import spaces
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array, Info, Observation
+from irl_dal.arrays import Array, Info, Observation
+from irl_dal.checks import nested
 from irl_dal.envs.chase import Overlay, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
-from irl_dal.envs.lane_camera import Eye, LaneCamera
+from irl_dal.envs.lane_camera import LaneCamera
 from irl_dal.envs.lighting import Illumination, draw_light
 from irl_dal.envs.reward import Situation, driving_mode, reward_terms
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
-from irl_dal.envs.scenery import PAINT, Scenery
+from irl_dal.envs.scenery import Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track
 from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
@@ -113,8 +114,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"`render_mode` must be None or 'rgb_array'. Got {render_mode!r}.")
-        self.config: CityConfig = replace(_built("config", CityConfig, config), **fields)
-        self.limits: ActuatorLimits = _built("limits", ActuatorLimits, limits)
+        self.config: CityConfig = replace(nested("config", CityConfig, config, TypeError), **fields)
+        self.limits: ActuatorLimits = nested("limits", ActuatorLimits, limits, TypeError)
         self.render_mode = render_mode
         self.metadata = {**self.metadata, "render_fps": max(1, round(1.0 / self.limits.dt))}
         self._episode: _Episode | None = None
@@ -132,8 +133,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         noise, dropout = self.config.lidar_noise, self.config.lidar_dropout
         self._lidar = Lidar(self._world, scanner, noise, dropout)
         self._camera = Camera(self._world, size, self.config.image_noise)
-        eye = Eye(size, Camera.FORWARD, Camera.HEIGHT - PAINT, Camera.PITCH, Camera.FIELD_OF_VIEW)
-        self._lane_camera = LaneCamera(eye, self.limits.dt)
+        self._lane_camera = LaneCamera(size, self.limits.dt)
         self._track = None if self.config.track is None else Track.read(self.config.track)
         self.overlay = Overlay()
 
@@ -297,7 +297,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         return reward_terms(
             self.config.reward,
             Situation(
-                mode=driving_mode(offset, self._home_gap(), self.config.obstacle_sight),
+                mode=driving_mode(offset, self._home_gap()),
                 lateral_offset=offset,
                 speed=self._state.speed * float(np.cos(self._state.yaw - self._at.heading)),
                 clearance=self._clearance,
@@ -330,12 +330,3 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             "lateral_acceleration": state.speed * state.yaw_rate,
             "lane_measurement": self._lane,
         }
-
-
-def _built(name: str, kind: type[Any], value: Any) -> Any:
-    """`value`, or what a mapping of its fields or None stands for."""
-    if value is None or isinstance(value, Mapping):
-        return kind(**(value or {}))
-    if not isinstance(value, kind):
-        raise TypeError(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
-    return value

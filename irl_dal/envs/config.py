@@ -1,18 +1,15 @@
 """What the city is like."""
 
 import os
-from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Literal
 
+from irl_dal.checks import Ranges, check_choices, check_ranges, nested
 from irl_dal.envs.faults import FaultConfig
-from irl_dal.envs.ranges import Ranges, check_ranges
 from irl_dal.envs.reward import RewardConfig
-from irl_dal.envs.road import LANES
 from irl_dal.envs.track import Track
 from irl_dal.envs.track_file import TrackError
-from irl_dal.envs.traffic import DENSITY
-from shield import LaneGeometry, ScannerGeometry, VehicleGeometry
+from shield import ScannerGeometry, VehicleGeometry
 
 # [m]: room for one obstacle and the way back; the test for a road that meets itself takes time with
 # the square of the length
@@ -25,7 +22,6 @@ RANGES: Ranges = {
     **dict.fromkeys(("collision_distance", "lidar_noise", "lane_offset_noise"), (0.0, 100.0)),
     "initial_speed": (0.0, 50.0),  # the observation space ends there
     "time_limit": (1.0, 1e5),
-    "obstacle_sight": (0.0, 1e3),
     "image_size": (32, 1024),
     "image_noise": (0.0, 255.0),
     "lidar_beams": (2, 16_384),  # Bullet's largest batch of rays
@@ -46,7 +42,6 @@ class CityConfig:
     initial_speed: float = 3.0  # Speed at the start [m/s]
     time_limit: float = 120.0  # After which an episode is truncated [s]
     collision_distance: float = 1.0  # d_collision [m] (Table II)
-    obstacle_sight: float = 25.0  # Distance at which an obstacle changes the reward's mode [m]
     image_size: int = 64  # Edge length of the camera image [px] (Table II)
     image_noise: float = 2.0  # Standard deviation of a pixel's brightness [1/255]
     lidar_beams: int = ScannerGeometry().beams  # Number of beams over 180 degrees (Table II)
@@ -62,13 +57,10 @@ class CityConfig:
 
     def __post_init__(self) -> None:
         """Take mappings for the nested parts and check every field."""
-        self._nest("vehicle", VehicleGeometry)
-        self._nest("reward", RewardConfig)
-        self._nest("faults", FaultConfig)
-        choices_of = {"difficulty": sorted(DENSITY), "lane_sensor": ["camera", "odometry"]}
-        for name, choices in choices_of.items():
-            if getattr(self, name) not in choices:
-                raise ValueError(f"`{name}` must be one of {choices}. Got {getattr(self, name)!r}.")
+        parts = {"vehicle": VehicleGeometry, "reward": RewardConfig, "faults": FaultConfig}
+        for name, kind in parts.items():
+            object.__setattr__(self, name, nested(name, kind, getattr(self, name), ValueError))
+        check_choices(self)
         check_ranges(self, RANGES)
         self._check_pairs()
         if self.track is not None:
@@ -79,18 +71,6 @@ class CityConfig:
         """The LiDAR's geometry."""
         mount = self.vehicle.front_bumper
         return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range, mount=mount)
-
-    @property
-    def lanes(self) -> LaneGeometry:
-        """The lanes of the car's direction."""
-        return LANES
-
-    def _nest(self, name: str, kind: type[Any]) -> None:
-        value = getattr(self, name)
-        if isinstance(value, Mapping):
-            object.__setattr__(self, name, kind(**value))
-        elif not isinstance(value, kind):
-            raise ValueError(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
 
     def _check_pairs(self) -> None:
         if self.min_brightness > self.max_brightness:

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Observation
-from irl_dal.envs.ranges import Ranges, check_ranges
+from irl_dal.arrays import Observation
+from irl_dal.checks import Ranges, check_ranges
 from irl_dal.envs.vehicle import SERVO_RATE
 from shield import ScannerGeometry
 

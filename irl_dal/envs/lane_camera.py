@@ -23,9 +23,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH
-from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH
+from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH, PAINT
+from irl_dal.envs.sensors import Camera
 from shield import LaneMeasurement
 
 Mask = NDArray[np.bool_]
@@ -72,42 +73,6 @@ ALONG = np.arange(-2.0, FAR + 4.0, 1.0)  # Stations at which a clothoid is integ
 
 
 @dataclass(frozen=True, slots=True)
-class Eye:
-    """Where the camera is and how it projects."""
-
-    size: int  # Edge length of the image [px]
-    forward: float  # From the rear axle [m]
-    height: float  # Above the lines [m]
-    pitch: float  # Of the axis below the horizon [rad]
-    field_of_view: float  # [deg]
-
-    def ground(self) -> tuple[Array, Mask]:
-        """Ground point (size, size, 2) of each pixel in the car's frame [m], and which have one.
-
-        The renderer samples the picture at the left lower corner of each pixel.
-        """
-        half = 0.5 * self.size
-        focal = half / math.tan(math.radians(0.5 * self.field_of_view))
-        u = (np.arange(self.size) - half) / focal
-        v = (np.arange(self.size) + 1.0 - half) / focal
-        down = math.sin(self.pitch) + v * math.cos(self.pitch)
-        ahead = math.cos(self.pitch) - v * math.sin(self.pitch)
-        reach = self.height / np.maximum(down, LEVEL)
-        points = np.empty((self.size, self.size, 2))
-        points[..., 0] = (self.forward + reach * ahead)[:, None]
-        points[..., 1] = -u[None, :] * reach[:, None]
-        seen = (down > LEVEL)[:, None] & (points[..., 0] > NEAR) & (points[..., 0] < FAR)
-        return points, seen
-
-    def blur(self, x: Array) -> Array:
-        """Sideways uncertainty of ground points `x` [m] ahead of the rear axle, of a pixel [m]."""
-        focal = 0.5 * self.size / math.tan(math.radians(0.5 * self.field_of_view))
-        reach = np.maximum(x - self.forward, 0.0)
-        along = SLANT * reach**2 / (self.height * focal)
-        return np.asarray(PIXEL_ERROR * np.hypot(reach / focal, along))
-
-
-@dataclass(frozen=True, slots=True)
 class _Sighting:
     """Ground points (n, 3) of lines at offsets (n,) with deviations (n,), placed along a guess."""
 
@@ -129,20 +94,19 @@ class _Fit:
 
 
 class LaneCamera:
-    """Measures the home lane in camera images, `dt` [s] apart."""
+    """Measures the home lane in images of `Camera`, `size` [px] wide and high, `dt` [s] apart."""
 
-    def __init__(self, eye: Eye, dt: float) -> None:
+    def __init__(self, size: int, dt: float) -> None:
         self._dt = dt
-        points, seen = eye.ground()
-        rows = np.flatnonzero(seen.any(axis=1))
-        self._top = int(rows[0])
+        ground, seen = _ground(size)
+        self._top = int(np.flatnonzero(seen.any(axis=1))[0])
         self._seen: Mask = seen[self._top :].ravel()
-        x, y = points[self._top :].reshape(-1, 2).T
-        self._points = np.stack([x, y, eye.blur(x)], axis=1)
+        self._points = ground[self._top :].reshape(-1, 3)
+        x, y, _ = self._points.T
         self._nearest: Mask = self._seen & (x < WHITE_FAR)
         near = np.flatnonzero(self._seen & (np.abs(y) < GREY_ASIDE) & (x < GREY_FAR))
         self._lane = near[:: 1 + len(near) // MAX_PIXELS]
-        self._beside = _shifted(y.reshape(-1, eye.size), VERGE)
+        self._beside = _shifted(y.reshape(-1, size), VERGE)
         self.reset()
 
     def reset(self) -> None:
@@ -263,6 +227,25 @@ class LaneCamera:
         return _Fit(x, np.asarray(INFLATION * inverse), support, len(residual) - support)
 
 
+def _ground(size: int) -> tuple[Array, Mask]:
+    """Ground point and its blur (size, size, 3) of each pixel [m], and which have one.
+
+    In the car's frame; the blur is a pixel's sideways uncertainty. The renderer samples the picture
+    at the left lower corner of each pixel.
+    """
+    half, pitch, height = 0.5 * size, Camera.PITCH, Camera.HEIGHT - PAINT
+    focal = half / math.tan(math.radians(0.5 * Camera.FIELD_OF_VIEW))
+    u, v = (np.arange(size) - half) / focal, (np.arange(size) + 1.0 - half) / focal
+    down = math.sin(pitch) + v * math.cos(pitch)
+    ahead = math.cos(pitch) - v * math.sin(pitch)
+    reach = height / np.maximum(down, LEVEL)
+    x, y = np.broadcast_arrays((Camera.FORWARD + reach * ahead)[:, None], -u * reach[:, None])
+    away = np.maximum(x - Camera.FORWARD, 0.0)
+    blur = PIXEL_ERROR * np.hypot(away / focal, SLANT * away**2 / (height * focal))
+    seen = (down > LEVEL)[:, None] & (x > NEAR) & (x < FAR)
+    return np.stack([x, y, blur], axis=2), seen
+
+
 def _parabola(points: Array) -> Array:
     """First guess (4,) from ground points (n, 3) of the yellow line, robust against strays."""
     x, y = points[:, 0], points[:, 1]
@@ -311,8 +294,6 @@ def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
     s, d, jacobian = _coordinates(points, x)
     lines = np.zeros(len(points))
     sigma = np.hypot(SIGMA_YELLOW, points[:, 2])
-    if not len(white):
-        return _Sighting(points, lines, sigma, x, (s, d, jacobian))
     first = len(yellow)
     apart = d[first:, None] - WHITE_LINES
     which = np.argmin(np.abs(apart), axis=1)

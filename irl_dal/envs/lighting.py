@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irl_dal.envs.arrays import Array, Colour
+from irl_dal.arrays import Array, Colour
 
 
 @dataclass(frozen=True, slots=True)

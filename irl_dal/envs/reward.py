@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from expert.modes import Mode
-from irl_dal.envs.ranges import Ranges, check_ranges
+from irl_dal.checks import Ranges, check_ranges
 from irl_dal.envs.road import LANE_WIDTH
 
 BASELINE = 0.1  # For every step that is not a near miss: a calm standstill still beats a near miss
@@ -22,6 +22,7 @@ REFERENCE_SPEED = 8.0  # Earns the whole of `progress` [m/s]; the expert cruises
 CENTRING = 0.4  # For a step in the middle of the lane that the mode asks for
 CENTRING_WIDTH = 0.6  # Offset at which centring has fallen to 1/e [m]: a third of a car's width
 NEAR_MISS_DISTANCE = 1.5  # Clearance of a near miss [m], half a metre above d_collision
+SIGHT = 25.0  # Distance at which an obstacle changes the mode [m]
 RELAXED = 0.5  # Share of the clearance loss while no obstacle is being passed
 RANGES: Ranges = dict.fromkeys(("progress", "crash", "goal"), (0.0, 1e6))
 
@@ -53,10 +54,10 @@ class Situation:
     success: bool  # The car has reached the goal
 
 
-def driving_mode(lateral_offset: float, gap: float, sight: float) -> Mode:
+def driving_mode(lateral_offset: float, gap: float) -> Mode:
     """Mode for a free distance `gap` ahead in the home lane [m]: the expert's, without memory."""
     passing = lateral_offset > 0.5 * LANE_WIDTH
-    if gap < sight:
+    if gap < SIGHT:
         return Mode.DRIVING_STRAIGHT if passing else Mode.OBSTACLE_AVOIDANCE
     return Mode.RETURNING if lateral_offset > 0.25 * LANE_WIDTH else Mode.LANE_FOLLOWING
 

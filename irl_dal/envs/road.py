@@ -9,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 from shield import LaneGeometry
 
 SPACING = 0.5  # Distance between two points of the centre line [m]

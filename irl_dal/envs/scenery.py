@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array, Colour
+from irl_dal.arrays import Array, Colour
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
 from irl_dal.envs.world import World
 

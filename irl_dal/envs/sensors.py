@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.envs.lighting import Illumination
 from irl_dal.envs.road import HOME_LANE, Road, RoadPoint
 from irl_dal.envs.vehicle import VehicleState

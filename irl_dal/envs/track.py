@@ -15,7 +15,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 from scipy.ndimage import gaussian_filter1d
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.envs.road import HALF_WIDTH, LEAD_IN, LEAD_OUT, SPACING, Road
 from irl_dal.envs.track_file import TrackError, TrackFile
 

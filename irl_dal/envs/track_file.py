@@ -13,7 +13,7 @@ from typing import Self
 
 import numpy as np
 
-from irl_dal.envs.arrays import Array
+from irl_dal.arrays import Array
 
 COLUMNS = ("x_m", "y_m", "w_tr_right_m", "w_tr_left_m")
 # Of both sides together [m]: narrower than a lane, wider than a runway

@@ -12,7 +12,7 @@ from typing import Self
 
 import numpy as np
 
-from irl_dal.envs.arrays import Colour
+from irl_dal.arrays import Colour
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
 from irl_dal.envs.world import World
 from shield import VehicleGeometry

@@ -80,12 +80,10 @@ class Vehicle:
         self._world.move(self.body, (float(at[0]), float(at[1]), BASE_HEIGHT), yaw)
         velocity = (*(speed * ahead).tolist(), 0.0)
         self._bullet.resetBaseVelocity(self.body, velocity, [0.0, 0.0, 0.0])
-        rates = {
-            **dict.fromkeys(self._steer, 0.0),
-            **dict.fromkeys(self._spin, speed / WHEEL_RADIUS),
-        }
-        for joint, rate in rates.items():
-            self._bullet.resetJointState(self.body, joint, 0.0, rate)
+        for joint in self._steer:
+            self._bullet.resetJointState(self.body, joint, 0.0, 0.0)
+        for joint in self._spin:
+            self._bullet.resetJointState(self.body, joint, 0.0, speed / WHEEL_RADIUS)
         self._speed = speed
         self.drive(0.0, speed)
 
@@ -122,11 +120,6 @@ class Vehicle:
         """Whether the car touches anything but the ground."""
         contacts = self._bullet.getContactPoints(bodyA=self.body)
         return bool({row[2] for row in contacts} - {GROUND, self.body})
-
-    def steering(self) -> float:
-        """Angle of the bicycle's front wheel as the hinges stand [rad]."""
-        left, right = (self._bullet.getJointState(self.body, joint)[0] for joint in self._steer)
-        return float(np.arctan(0.5 * (np.tan(left) + np.tan(right))))
 
     def state(self) -> VehicleState:
         """Where the car is and how it moves."""

@@ -8,7 +8,6 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
-from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn
@@ -16,7 +15,7 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.envs.arrays import Array, Colour
+from irl_dal.arrays import Array, Colour
 from irl_dal.envs.lighting import Illumination
 
 
@@ -36,6 +35,7 @@ def _quiet() -> Iterator[None]:
 
 with _quiet():  # it tells its build time on stderr
     import pybullet
+    from pybullet_utils.bullet_client import BulletClient
 
 
 # Longest integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s
@@ -47,7 +47,8 @@ ROUNDING = 1e-9
 SOLVER_ITERATIONS = 20
 GRASS: Colour = (0.24, 0.42, 0.18)  # Of the meadow around everything
 GRAVITY = 9.81  # [m/s^2]
-UP, CLIPPING = (0.0, 0.0, 1.0), (0.3, 90.0)  # Of the camera: upwards, near and far distance [m]
+UP = (0.0, 0.0, 1.0)
+CLIPPING = (0.3, 90.0)  # Nearest and farthest distance that the camera sees [m]
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,22 +91,11 @@ class _Lent:
         return self._lent
 
 
-class _Client:
-    """Pybullet's constants, and its functions with `physicsClientId` given."""
-
-    def __init__(self) -> None:
-        self.id = pybullet.connect(pybullet.DIRECT)
-
-    def __getattr__(self, name: str) -> Any:
-        value = getattr(pybullet, name)
-        return partial(value, physicsClientId=self.id) if callable(value) else value
-
-
 class World:
     """One Bullet world in DIRECT mode; several live side by side in a process."""
 
     def __init__(self) -> None:
-        self.bullet = _Client()
+        self.bullet = BulletClient(pybullet.DIRECT)
         self.is_open = True
         self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()
@@ -173,8 +163,7 @@ class World:
 
     def mesh(self, vertices: Array, triangles: NDArray[np.int64], colour: Colour) -> int:
         """Add a flat, purely visual mesh: `vertices` (n, 3) [m], `triangles` (m, 3)."""
-        upwards = np.tile([0.0, 0.0, 1.0], (len(vertices), 1))
-        visual = self._shape(vertices, triangles, upwards, colour)
+        visual = self._shape(vertices, triangles, np.tile(UP, (len(vertices), 1)), colour)
         return int(self.bullet.createMultiBody(0.0, -1, visual))
 
     def _shape(
@@ -249,20 +238,16 @@ class World:
 
 def _prism(radius: float, height: float, sides: int = 8) -> tuple[Array, Array, NDArray[np.int64]]:
     """Side faces and lid of an upright prism: vertices, normals (n, 3) and triangles (m, 3)."""
-    angle = 2.0 * np.pi * np.arange(sides + 1) / sides
-    rim = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    vertices: list[tuple[float, ...]] = []
-    normals: list[tuple[float, ...]] = []
-    triangles: list[tuple[int, ...]] = []
-    for k in range(sides):
-        middle = 0.5 * (angle[k] + angle[k + 1])
-        corners = [(*(radius * rim[i]), z) for z in (-0.5, 0.5) for i in (k, k + 1)]
-        first = len(vertices)
-        vertices += [(x, y, height * z) for x, y, z in corners]
-        normals += [(np.cos(middle), np.sin(middle), 0.0)] * 4
-        triangles += [(first, first + 1, first + 2), (first + 1, first + 3, first + 2)]
-    first = len(vertices)
-    vertices += [(*(radius * point), 0.5 * height) for point in rim[:-1]]
-    normals += [(0.0, 0.0, 1.0)] * sides
-    triangles += [(first, first + k, first + k + 1) for k in range(1, sides - 1)]
-    return np.array(vertices), np.array(normals), np.array(triangles)
+    angle, side = 2.0 * np.pi * np.arange(sides + 1) / sides, np.arange(sides)
+    rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    middle = 0.5 * (angle[:-1] + angle[1:])
+    lower, upper = (np.insert(rim, 2, z * height, axis=1) for z in (-0.5, 0.5))
+    corners = np.stack([lower[:-1], lower[1:], upper[:-1], upper[1:]], axis=1).reshape(-1, 3)
+    outward = np.stack([np.cos(middle), np.sin(middle), np.zeros(sides)], axis=1)
+    faces = 4 * side[:, None, None] + [[0, 1, 2], [1, 3, 2]]
+    lid = len(corners) + side[1:-1, None] * [0, 1, 1] + [0, 0, 1]
+    return (
+        np.concatenate([corners, upper[:-1]]),
+        np.concatenate([outward.repeat(4, axis=0), np.tile(UP, (sides, 1))]),
+        np.concatenate([faces.reshape(-1, 3), lid]),
+    )

@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
+from irl_dal.checks import check_choices
 from shield.errors import check_positive
 
 MaskNormalisation = Literal["bounded", "printed"]
@@ -28,6 +29,4 @@ class PerceptionConfig:
             raise ValueError(
                 f"`initial_alpha` must be finite and above -1. Got {self.initial_alpha}."
             )
-        known = get_args(MaskNormalisation)
-        if self.normalisation not in known:
-            raise ValueError(f"`normalisation` must be one of {known}. Got {self.normalisation!r}.")
+        check_choices(self)

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from shield import ActuatorLimits
 
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from shield.errors import check_positive, check_within
 
 # Share of the new weight in its exponential moving average; the paper does not give it

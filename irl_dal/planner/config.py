@@ -1,15 +1,17 @@
 """The planner's settings."""
 
+import math
 from dataclasses import dataclass, field
-from typing import Literal, get_args
+from typing import Literal
 
+from irl_dal.checks import check_choices
 from irl_dal.planner.blend import BlendConfig
 from irl_dal.planner.energy import EnergyConfig
 from irl_dal.planner.guidance import GuidanceConfig
 from irl_dal.planner.noise_schedule import NoiseSchedule, ScheduleKind
-from irl_dal.planner.projection import PROJECTION_MODES, ProjectionMode
+from irl_dal.planner.projection import ProjectionMode
 from irl_dal.planner.sampler import Prediction, Sampler, ddim_transitions, ddpm_transitions
-from shield.errors import check_positive
+from shield.errors import check_positive, check_within
 
 SamplerKind = Literal["ddim", "ddpm"]
 Activation = Literal["trigger", "always", "never"]
@@ -48,16 +50,8 @@ class PlannerConfig:
             value = getattr(self, name)
             if value < 2 or value % 2:
                 raise ValueError(f"`{name}` must be even and at least 2. Got {value}.")
-        choices: dict[str, tuple[str, ...]] = {
-            "prediction": get_args(Prediction),
-            "sampler": get_args(SamplerKind),
-            "projection": PROJECTION_MODES,
-        }
-        for name, known in choices.items():
-            if getattr(self, name) not in known:
-                raise ValueError(f"`{name}` must be one of {known}. Got {getattr(self, name)!r}.")
-        if self.candidates < 1:
-            raise ValueError(f"`candidates` must be at least 1. Got {self.candidates}.")
+        check_choices(self)
+        check_within(ValueError, 1, math.inf, candidates=self.candidates)
         if self.deadline is not None:
             check_positive(ValueError, deadline=self.deadline)
         self.make_sampler()

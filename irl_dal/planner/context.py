@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from shield import (
     ClearanceEstimate,
     LaneEstimate,

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.planner.energy import TotalEnergy
 from irl_dal.planner.sampler import Refinement
 from shield.errors import check_positive, check_within

@@ -17,7 +17,7 @@ from typing import Literal, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 
 ScheduleKind = Literal["cosine", "printed"]
 

@@ -11,7 +11,7 @@ import numpy as np
 import torch
 from torch import Tensor, nn
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.planner.blend import ActionBlend
 from irl_dal.planner.config import PlannerConfig
 from irl_dal.planner.context import CONTEXT_SIZE, PlanningContext

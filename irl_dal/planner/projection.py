@@ -22,8 +22,8 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from irl_dal.arrays import Array
 from irl_dal.planner.action_scale import ActionScale
-from irl_dal.planner.arrays import Array
 from irl_dal.planner.sampler import Refinement
 from shield import ActuatorLimits, HorizonProjector, Projection
 

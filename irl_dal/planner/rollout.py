@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.shortcuts import compiled
 
 

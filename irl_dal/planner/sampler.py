@@ -19,7 +19,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.planner.noise_schedule import NoiseSchedule
 
 Prediction = Literal["x0", "epsilon"]

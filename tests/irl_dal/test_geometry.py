@@ -7,8 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from expert.fsm import PASSING_LANE
 from irl_dal.build import build_loop, supervision
 from irl_dal.config import RunConfig, parse, to_mapping
+from irl_dal.envs.road import LANES
 from irl_dal.loop import ControlLoop
 from irl_dal.planner.energy.clearance import scan_points
 
@@ -108,9 +110,8 @@ def test_the_keys_of_the_geometry_are_the_city_s() -> None:
 def test_the_lanes_are_everybody_s(empty: RunConfig) -> None:
     """Trigger, context and expert have the road's lane centres."""
     loop, info = begin(empty)
-    lanes = loop.city.config.lanes
-    assert tuple(loop._trigger._centres) == info["context"].lane_centres == lanes.centres
-    assert loop._expert._passing_lane == lanes.width
+    assert tuple(loop._trigger._centres) == info["context"].lane_centres == LANES.centres
+    assert PASSING_LANE == LANES.width
     loop.close()
     trigger = replace(empty.shield.trigger, passing_lane=False)
     loop, info = begin(replace(empty, shield=replace(empty.shield, trigger=trigger)))

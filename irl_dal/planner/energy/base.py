@@ -3,8 +3,8 @@
 from abc import ABC, abstractmethod
 from typing import ClassVar
 
+from irl_dal.arrays import Array
 from irl_dal.planner.action_scale import ActionScale
-from irl_dal.planner.arrays import Array
 from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.config import EnergyConfig
 from shield import ActuatorLimits

@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
+from irl_dal.checks import check_choices
 from shield.errors import check_positive, check_within
 
 EnergyForms = Literal["rollout", "printed"]
@@ -32,8 +33,7 @@ class EnergyConfig:
     expert_weight: float = 2.0  # w_exp (Table II)
 
     def __post_init__(self) -> None:
-        if self.forms not in get_args(EnergyForms):
-            raise ValueError(f"`forms` must be one of {get_args(EnergyForms)}. Got {self.forms!r}.")
+        check_choices(self)
         scales = ("lane_scale", "safe_clearance", "clearance_scale")
         check_positive(ValueError, **{name: getattr(self, name) for name in scales})
         weights = [name for name in self.__slots__ if name.endswith("_weight")]

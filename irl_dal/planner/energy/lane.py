@@ -6,7 +6,7 @@ import numpy as np
 
 from expert import LaneMap
 from expert.fsm import BESIDE, CORRIDOR
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.planner.context import PlanningContext, hazard
 from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.config import EnergyConfig

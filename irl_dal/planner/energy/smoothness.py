@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from irl_dal.planner.arrays import Array
+from irl_dal.arrays import Array
 from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.base import Energy
 from irl_dal.planner.energy.config import EnergyConfig

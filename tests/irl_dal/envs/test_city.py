@@ -95,14 +95,14 @@ def test_reward_is_the_sum_of_its_named_terms(env: CityEnv) -> None:
 
 def test_driving_into_the_first_obstacle_is_a_collision(env: CityEnv) -> None:
     """A car that keeps its lane and never brakes ends with a collision, once, and terminated."""
-    from expert.lateral import LateralConfig, steer
+    from expert.lateral import steer
 
     _, info = env.reset(seed=3)
     collided, steering = False, 0.0
     for _ in range(400):
         lane = info["lane_measurement"]
         if lane is not None:
-            steering = steer(LateralConfig(), lane, 0.0, 0.0, info["speed"], steering, env.limits)
+            steering = steer(lane, 0.0, 0.0, info["speed"], steering, env.limits)
         _, _, terminated, _, info = env.execute(np.array([steering, 6.0]))
         if terminated:
             collided = info["collision"]

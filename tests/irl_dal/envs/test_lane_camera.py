@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from irl_dal.envs import CityConfig, CityEnv
-from irl_dal.envs.lane_camera import Eye, LaneCamera
+from irl_dal.envs.lane_camera import LaneCamera
 from irl_dal.envs.road import HOME_LANE
 from shield import LaneMeasurement
-
-EYE = Eye(64, 3.3, 1.56, 0.19, 80.0)
 
 
 def look(brightness: float, seed: int) -> list[tuple[LaneMeasurement | None, float, float]]:
@@ -52,7 +50,7 @@ def test_reported_deviation_is_honest() -> None:
 @pytest.mark.parametrize("value", [0, 3, 120, 255])
 def test_an_image_without_lines_gives_nothing(value: int) -> None:
     """Darkness, fog and a blinded camera are no lane."""
-    camera = LaneCamera(EYE, 0.1)
+    camera = LaneCamera(64, 0.1)
     image = np.full((64, 64, 3), value, np.uint8)
     assert camera.measure(image, 5.0, 0.0) is None
 
@@ -61,7 +59,7 @@ def test_noise_is_no_lane() -> None:
     """Random pixels of every colour are not taken for lines with confidence."""
     rng = np.random.default_rng(0)
     for _ in range(50):
-        camera = LaneCamera(EYE, 0.1)
+        camera = LaneCamera(64, 0.1)
         image = rng.integers(0, 255, (64, 64, 3)).astype(np.uint8)
         assert camera.measure(image, 5.0, 0.0) is None
 

@@ -53,7 +53,7 @@ def test_the_mode_decides_which_lane_is_right() -> None:
 
 def test_driving_mode_has_four_answers() -> None:
     """Lane and gap decide."""
-    assert driving_mode(0.0, 100.0, 25.0) is Mode.LANE_FOLLOWING
-    assert driving_mode(0.0, 15.0, 25.0) is Mode.OBSTACLE_AVOIDANCE
-    assert driving_mode(3.4, 5.0, 25.0) is Mode.DRIVING_STRAIGHT
-    assert driving_mode(2.5, 90.0, 25.0) is Mode.RETURNING
+    assert driving_mode(0.0, 100.0) is Mode.LANE_FOLLOWING
+    assert driving_mode(0.0, 15.0) is Mode.OBSTACLE_AVOIDANCE
+    assert driving_mode(3.4, 5.0) is Mode.DRIVING_STRAIGHT
+    assert driving_mode(2.5, 90.0) is Mode.RETURNING

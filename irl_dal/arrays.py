@@ -1,4 +1,4 @@
-"""The array types that the city's modules share."""
+"""The types that the packages' modules share."""
 
 from typing import Any
 
@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Colour = tuple[float, float, float]  # RGB in [0, 1]
 Observation = dict[str, NDArray[Any]]
 Info = dict[str, Any]
