@@ -68,7 +68,7 @@ class TrackFile:
 
     def error(self, point: int, message: str) -> TrackError:
         """An error that names the line of a point."""
-        return TrackError(f"{self.path}, line {self.lines[point]}: {message}")
+        return _error(self.path, self.lines[point], message)
 
 
 class _Reader:
@@ -109,9 +109,6 @@ class _Reader:
             reason = getattr(error, "strerror", None) or "is not a text file"
             raise TrackError(f"{self._path}: {reason}") from None
 
-    def _error(self, number: int, message: str) -> TrackError:
-        return TrackError(f"{self._path}, line {number}: {message}")
-
     def _comment(self, number: int, cells: list[str]) -> None:
         """Take a comment that names columns for a heading; keep one that may name others."""
         if len(set(cells) & set(COLUMNS)) > 1:
@@ -124,33 +121,39 @@ class _Reader:
         missing = [name for name in COLUMNS if name not in names]
         if missing:
             what = "column {} is" if len(missing) == 1 else "columns {} are"
-            raise self._error(number, f"the {what.format(', '.join(missing))} missing, {got}")
+            raise _error(
+                self._path, number, f"the {what.format(', '.join(missing))} missing, {got}"
+            )
         for name in COLUMNS:
             if names.count(name) > 1:
-                raise self._error(number, f"the column {name} is named twice, {got}")
+                raise _error(self._path, number, f"the column {name} is named twice, {got}")
         order = [names.index(name) for name in COLUMNS]
         if self._order not in (None, order):
-            raise self._error(number, f"a second heading orders the columns anew, {got}")
+            raise _error(self._path, number, f"a second heading orders the columns anew, {got}")
         self._order, self._count = order, len(names)
 
     def _row(self, number: int, cells: Sequence[str]) -> list[float]:
         if len(cells) != self._count:
             got = f"got {len(cells)}: {', '.join(cells)!r}"
-            raise self._error(number, f"{self._count} columns are needed, {got}")
+            raise _error(self._path, number, f"{self._count} columns are needed, {got}")
         values = []
         for name, place in zip(COLUMNS, self._order or range(len(COLUMNS)), strict=True):
             cell = cells[place]
             if not _is_number(cell) or not math.isfinite(float(cell)):
-                raise self._error(number, f"{name} is not a finite number, got {cell!r}")
+                raise _error(self._path, number, f"{name} is not a finite number, got {cell!r}")
             values.append(float(cell))
         for name, value in zip(COLUMNS[2:], values[2:], strict=True):
             if value < 0.0:
-                raise self._error(number, f"{name} is negative, got {value:g}")
+                raise _error(self._path, number, f"{name} is negative, got {value:g}")
         width = values[2] + values[3]
         if not MIN_WIDTH <= width <= MAX_WIDTH:
             need = f"at least {MIN_WIDTH:g}" if width < MIN_WIDTH else f"at most {MAX_WIDTH:g}"
-            raise self._error(number, f"the road is {width:g} m wide, {need} m are possible")
+            raise _error(self._path, number, f"the road is {width:g} m wide, {need} m are possible")
         return values
+
+
+def _error(path: Path, line: int, message: str) -> TrackError:
+    return TrackError(f"{path}, line {line}: {message}")
 
 
 def _cells(content: str) -> list[str]:
@@ -174,12 +177,10 @@ def _check_steps(path: Path, rows: Array, lines: Sequence[int]) -> None:
     step = np.linalg.norm(np.diff(rows[:, :2], axis=0), axis=1)
     for i in np.flatnonzero(step < REPEATED)[:1]:
         point = f"({rows[i, 0]:g}, {rows[i, 1]:g})"
-        raise TrackError(f"{path}, line {lines[i + 1]}: the point {point} repeats the one before")
+        raise _error(path, lines[i + 1], f"the point {point} repeats the one before")
     for i in np.flatnonzero(step > MAX_STEP)[:1]:
-        raise TrackError(
-            f"{path}, line {lines[i + 1]}: the point is {step[i]:g} m from the one before, "
-            f"at most {MAX_STEP:g} m are possible"
-        )
+        far = f"the point is {step[i]:g} m from the one before, at most {MAX_STEP:g} m are possible"
+        raise _error(path, lines[i + 1], far)
 
 
 def _one_lap(rows: Array) -> Array:

@@ -8,6 +8,7 @@ import tempfile
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from importlib import resources
 from pathlib import Path
 from typing import Any, NoReturn
@@ -35,7 +36,6 @@ def _quiet() -> Iterator[None]:
 
 with _quiet():  # it tells its build time on stderr
     import pybullet
-    from pybullet_utils.bullet_client import BulletClient
 
 
 # Longest integration step [s]: over random admissible commands the yaw rate is within 0.006 rad/s
@@ -91,11 +91,22 @@ class _Lent:
         return self._lent
 
 
+class _Client:
+    """Pybullet's constants, and its functions with `physicsClientId` given."""
+
+    def __init__(self) -> None:
+        self.id = pybullet.connect(pybullet.DIRECT)
+
+    def __getattr__(self, name: str) -> Any:
+        value = getattr(pybullet, name)
+        return partial(value, physicsClientId=self.id) if callable(value) else value
+
+
 class World:
     """One Bullet world in DIRECT mode; several live side by side in a process."""
 
     def __init__(self) -> None:
-        self.bullet = BulletClient(pybullet.DIRECT)
+        self.bullet = _Client()
         self.is_open = True
         self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()

@@ -7,13 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.arrays import Array
-from shield import (
-    ClearanceEstimate,
-    LaneEstimate,
-    LaneGeometry,
-    ScannerGeometry,
-    VehicleGeometry,
-)
+from shield import ClearanceEstimate, LaneEstimate, LaneGeometry, ScannerGeometry, VehicleGeometry
 
 CONTEXT_SIZE = 64  # Table II of the paper's text: c_t has 64 entries
 FEWEST_BEAMS = 8  # A scanner with fewer does not tell the lanes apart

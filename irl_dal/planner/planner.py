@@ -3,7 +3,7 @@
 import math
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -22,14 +22,7 @@ from irl_dal.planner.guidance import Guidance
 from irl_dal.planner.noise_schedule import NoiseSchedule
 from irl_dal.planner.projection import PlanProjection, ProjectedPlans
 from irl_dal.planner.sampler import Refinement
-from shield import (
-    ActuatorLimits,
-    ClearanceEstimate,
-    HorizonProjector,
-    LaneEstimate,
-    ScannerGeometry,
-    Status,
-)
+from shield import ActuatorLimits, ClearanceEstimate, HorizonProjector, LaneEstimate, Status
 from shield.projection.fallback import FallbackPlan
 
 # Longest time for a projection without a deadline [s]: a busy machine must not change a result
@@ -44,13 +37,13 @@ class Plan:
     actions: Array
     # The last clean estimate (H, 2) [rad, m/s]; `actions` in mode `none` and for a fallback
     nominal: Array
+    candidates: Array  # All candidates as (N, H, 2) [rad, m/s]
     status: Status  # Of the last projection; `NOMINAL` in mode `none`
     reason: str  # Why it is a fallback or what the projection said, else empty
-    energy: float  # Of `actions`; NaN for a fallback
-    energy_nominal: float  # Of `nominal`; NaN for a fallback
-    energy_unguided: float  # Of the estimate before its last guidance step; NaN without guidance
-    candidates: Array  # All candidates as (N, H, 2) [rad, m/s]
     latency: float  # Wall time of the whole call [s]
+    energy: float = math.nan  # Of `actions`; NaN for a fallback
+    energy_nominal: float = math.nan  # Of `nominal`; NaN for a fallback
+    energy_unguided: float = math.nan  # Before the last guidance step; NaN without guidance
 
     def __post_init__(self) -> None:
         for name in ("actions", "nominal", "candidates"):
@@ -113,16 +106,8 @@ class DiffusionPlanner:
         self._last_first = None
         self.blend.reset()
 
-    def parameters(self) -> Iterator[nn.Parameter]:
-        """The network's parameters."""
-        return self.denoiser.parameters()
-
-    def state_dict(self) -> dict[str, Tensor]:
-        """The network's weights."""
-        return self.denoiser.state_dict()
-
     def load_state_dict(self, state: Mapping[str, Any]) -> None:
-        """Take over weights from `state_dict`; `RuntimeError` for those of another network."""
+        """Take over the `denoiser`'s weights; `RuntimeError` for those of another network."""
         self.denoiser.load_state_dict(state)
         self._network = None
 
@@ -227,13 +212,13 @@ class DiffusionPlanner:
         return Plan(
             actions=actions,
             nominal=nominal,
+            candidates=projected.commands.copy(),
             status=status,
             reason=reason,
+            latency=time.perf_counter() - begin,
             energy=float(energies[best]),
             energy_nominal=float(energy.value(self.limits.to_action(nominal)[None])[0]),
             energy_unguided=float(unguided[best]),
-            candidates=projected.commands.copy(),
-            latency=time.perf_counter() - begin,
         )
 
     def _fall_back(self, context: PlanningContext, cause: str, reason: str, begin: float) -> Plan:
@@ -251,18 +236,9 @@ class DiffusionPlanner:
             blank = np.full((horizon, ACTION_SIZE), np.nan)
             actions = self._projector.project(blank, previous).actions.copy()
         self._remember(actions)
-        nan = float("nan")
-        return Plan(
-            actions=actions,
-            nominal=actions.copy(),
-            status=Status.FALLBACK,
-            reason=f"{reason}: {what}",
-            energy=nan,
-            energy_nominal=nan,
-            energy_unguided=nan,
-            candidates=actions[None].copy(),
-            latency=time.perf_counter() - begin,
-        )
+        latency, reason = time.perf_counter() - begin, f"{reason}: {what}"
+        candidates = actions[None].copy()
+        return Plan(actions, actions.copy(), candidates, Status.FALLBACK, reason, latency)
 
     def _remember(self, actions: Array) -> None:
         """Keep a plan for the case that the next one fails."""
@@ -287,13 +263,9 @@ class DiffusionPlanner:
 
 def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:
     """Plan once without a deadline, so that no later plan is late because of a compiler."""
-    ordinary = PlanningContext(
-        scan=np.full(ScannerGeometry().beams, 5.0),
-        clearance=ClearanceEstimate(5.0, 0.0, 0.1, 0.0, True),
-        lane=LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.1, 0.0, True),
-        speed=5.0,
-        previous=np.array([0.0, 5.0]),
-    )
+    near = ClearanceEstimate(5.0, 0.0, 0.1, 0.0, True)
+    lane = LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.1, 0.0, True)
+    ordinary = PlanningContext(np.full(180, 5.0), near, lane, 5.0, np.array([0.0, 5.0]))
     patient = replace(config, deadline=None)
     DiffusionPlanner(patient, limits, generator=torch.Generator()).plan(ordinary)
 

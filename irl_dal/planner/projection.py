@@ -58,33 +58,31 @@ class PlanProjection(Refinement):
             return clean
         commands = self._scale.to_command(clean)
         if self._mode == "x0":
-            return self._projected(commands)
+            return self._project(commands).actions
         large = defect(commands, self._previous, self._projector.limits) > LARGE_DEFECT
         if not large.any():
             return clean
         refined = clean.copy()
-        refined[large] = self._projected(commands[large])
+        refined[large] = self._project(commands[large]).actions
         return refined
 
     def noisy(self, noisy: Array, index: int) -> Array:
         """The iterate (B, H, 2), projected in mode `xt`."""
         if self._mode != "xt":
             return noisy
-        return self._projected(self._scale.to_command(noisy))
+        return self._project(self._scale.to_command(noisy)).actions
 
     def finish(self, clean: Array) -> ProjectedPlans:
         """The last estimate (B, H, 2), projected in every mode but `none`."""
         nominal = self._scale.to_command(clean)
         if self._mode == "none":
             return ProjectedPlans(nominal, nominal, clean, ())
+        return self._project(nominal)
+
+    def _project(self, nominal: Array) -> ProjectedPlans:
         projections = self._projector.project_batch(nominal, self._previous)
         commands = np.stack([projection.actions for projection in projections])
         return ProjectedPlans(nominal, commands, self._scale.to_action(commands), projections)
-
-    def _projected(self, commands: Array) -> Array:
-        """Normalised actions of projected commands (B, H, 2)."""
-        projections = self._projector.project_batch(commands, self._previous)
-        return self._scale.to_action(np.stack([projection.actions for projection in projections]))
 
 
 def defect(commands: Array, previous: Array, limits: ActuatorLimits) -> Array:

@@ -49,7 +49,7 @@ def untrained_run(folder: Path, config: RunConfig | None = None) -> Path:
     policy = build_policy(seen, acted, config.perception)
     state = {
         "policy": policy.state_dict(),
-        "diffusion": None if planner is None else {"network": planner.state_dict()},
+        "diffusion": None if planner is None else {"network": planner.denoiser.state_dict()},
     }
     CheckpointStore(folder).save(state, step=0, final=True)
     return folder

@@ -39,16 +39,16 @@ def test_the_planning_network_carries_the_average_of_the_weights(
     """Against a recomputation of the moving average from the weights after each single step."""
     replay = filled_replay(100)
     one, many = new_training(), new_training()
-    average = copy.deepcopy(many.planner.state_dict())
+    average = copy.deepcopy(many.planner.denoiser.state_dict())
     for step in range(1, 16):
         monkeypatch.setattr(diffusion_training, "AVERAGE_DECAY", 0.0)
         one.update(replay, 1)
         decay = min(0.9, step / (step + 10.0))
-        newest = one.planner.state_dict()
+        newest = one.planner.denoiser.state_dict()
         average = {k: decay * average[k] + (1 - decay) * newest[k] for k in average}
     monkeypatch.setattr(diffusion_training, "AVERAGE_DECAY", 0.9)
     many.update(replay, 15)
-    for name, value in many.planner.state_dict().items():
+    for name, value in many.planner.denoiser.state_dict().items():
         assert torch.allclose(value, average[name], atol=1e-5)
 
 
@@ -63,8 +63,8 @@ def test_the_state_continues_the_training() -> None:
         training._rng = np.random.default_rng(9)
         losses.append(training.update(replay, 3))
     assert losses[0] == losses[1]
-    for name, value in one.planner.state_dict().items():
-        assert torch.equal(value, two.planner.state_dict()[name])
+    for name, value in one.planner.denoiser.state_dict().items():
+        assert torch.equal(value, two.planner.denoiser.state_dict()[name])
 
 
 def test_without_held_out_chunks_there_is_no_loss() -> None:
