@@ -14,7 +14,7 @@ def test_loss_trains_the_network_and_the_next_plan_sees_it() -> None:
     rng = torch.Generator().manual_seed(0)
     contexts = torch.from_numpy(scene.encode()).expand(64, -1)
     target = torch.tensor([0.1, 0.2]) + 0.02 * torch.randn((64, HORIZON, 2), generator=rng)
-    optimizer = torch.optim.Adam(made.parameters(), lr=1e-3)
+    optimizer = torch.optim.Adam(made.denoiser.parameters(), lr=1e-3)
     before = made.plan(scene).nominal
     losses = []
     for _ in range(60):
@@ -47,12 +47,12 @@ def test_weights_travel() -> None:
     """A planner with another's weights makes another's plan, given the same noise."""
     first, second = planner(seed=1), planner(seed=2)
     second.plan(context())
-    second.load_state_dict(first.state_dict())
+    second.load_state_dict(first.denoiser.state_dict())
     for made in (first, second):
         made.generator.manual_seed(9)
     plans = [made.plan(context()) for made in (first, second)]
     np.testing.assert_array_equal(plans[0].nominal, plans[1].nominal)
-    assert len(list(first.parameters())) == len(first.state_dict())
+    assert len(list(first.denoiser.parameters())) == len(first.denoiser.state_dict())
 
 
 def test_loss_refuses_wrong_shapes() -> None:
