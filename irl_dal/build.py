@@ -21,15 +21,6 @@ from irl_dal.planner.planner import SIMULATED_TIME_DEADLINE
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 from shield import SafetyFilter
 
-__all__ = [
-    "build_drivers",
-    "build_loop",
-    "build_planner",
-    "expert_supervision",
-    "load_run",
-    "supervision",
-]
-
 # Spawn keys of the planner's random stream and of the training episodes': none of those that
 # learning splits the seed into.
 _PLANNER, _EPISODES = (1_000,), (1_001,)

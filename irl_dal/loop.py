@@ -168,7 +168,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
         """Trigger → plan → blend: the plan, its weight and the command (2,) [rad, m/s]."""
         planner, unshielded = self.supervision.planner, self.supervision.safety_filter is None
-        if planner is None or planner.config.activation == "never":
+        if planner is None:
             return None, 0.0, own
         plan, weight, command = None, 0.0, own
         if planner.config.activation == "always" or self._planner_can_help(planner):
@@ -275,7 +275,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     def _reference(self) -> Array | None:
         """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""
         planner = self.supervision.planner
-        if planner is None or not (self.supervision.training and planner.config.expert_reference):
+        if planner is None or not self.supervision.training:
             return None
         horizon = planner.config.horizon
         return self._expert.approach(self._decision.setpoint, self._previous, horizon)

@@ -2,8 +2,8 @@
 
 import gymnasium
 
-from irl_dal.envs.chase import Overlay
-from irl_dal.envs.city import CityEnv, Scene
+from irl_dal.envs.chase import Overlay, Scene
+from irl_dal.envs.city import CityEnv
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import FAULTS, FaultConfig
 from irl_dal.envs.reward import RewardConfig

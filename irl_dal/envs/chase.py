@@ -8,8 +8,11 @@ from PIL import Image, ImageDraw
 
 from irl_dal.arrays import Array
 from irl_dal.envs.lighting import Illumination
+from irl_dal.envs.road import Road
+from irl_dal.envs.traffic import Obstacle
 from irl_dal.envs.vehicle import VehicleState
 from irl_dal.envs.world import CameraPose, World
+from shield import VehicleGeometry
 
 Pen = ImageDraw.ImageDraw
 Tint = tuple[int, int, int]
@@ -30,16 +33,23 @@ class Overlay:
     text: str = ""  # One line
 
 
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """Everything that a view draws, in world coordinates."""
+
+    road: Road  # The road
+    obstacles: tuple[Obstacle, ...]  # Everything on it
+    vehicle: VehicleState  # The ego car
+    scan: Array  # Noise-free LiDAR ranges (beams,) [m]
+    angles: Array  # Bearings of the beams (beams,) [rad]
+    geometry: VehicleGeometry  # Outline of the ego car
+
+
 def chase_view(
-    world: World,
-    state: VehicleState,
-    scan: Array,
-    angles: Array,
-    mount: float,
-    light: Illumination,
-    overlay: Overlay,
+    world: World, scene: Scene, light: Illumination, overlay: Overlay
 ) -> NDArray[np.uint8]:
     """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays, the overlay."""
+    state = scene.vehicle
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
     eye, aim = here - BEHIND * ahead, here + AHEAD * ahead
@@ -48,13 +58,14 @@ def chase_view(
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
     colour = RISKY if overlay.risky else CALM
-    _draw_rays(pen, scan, angles, mount, colour)
+    _draw_rays(pen, scene, colour)
     _draw_badge(pen, overlay.text, state.speed, colour)
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 
-def _draw_rays(pen: Pen, scan: Array, angles: Array, mount: float, colour: Tint) -> None:
+def _draw_rays(pen: Pen, scene: Scene, colour: Tint) -> None:
     """Rays that hit something, with a dot where they end."""
+    scan, angles, mount = scene.scan, scene.angles, scene.geometry.front_bumper
     farthest = float(scan.max(initial=0.0))
     hit = scan < max(farthest, 1.0) - 0.5
     hit[np.arange(len(hit)) % EVERY != 0] = False

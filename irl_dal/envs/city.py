@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irl_dal.arrays import Array, Info, Observation
 from irl_dal.checks import nested
-from irl_dal.envs.chase import Overlay, chase_view
+from irl_dal.envs.chase import Overlay, Scene, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
 from irl_dal.envs.lane_camera import LaneCamera
@@ -23,22 +23,10 @@ from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, Road, RoadPoint
 from irl_dal.envs.scenery import Scenery
 from irl_dal.envs.sensors import Camera, LaneSensor, Lidar, wrap
 from irl_dal.envs.track import Track
-from irl_dal.envs.traffic import DENSITY, Obstacle, Traffic
-from irl_dal.envs.vehicle import Vehicle, VehicleState
+from irl_dal.envs.traffic import DENSITY, Traffic
+from irl_dal.envs.vehicle import Vehicle
 from irl_dal.envs.world import World
-from shield import ActuatorLimits, LaneMeasurement, VehicleGeometry
-
-
-@dataclass(frozen=True, slots=True)
-class Scene:
-    """Everything that a top view draws, in world coordinates."""
-
-    road: Road  # The road
-    obstacles: tuple[Obstacle, ...]  # Everything on it
-    vehicle: VehicleState  # The ego car
-    scan: Array  # Noise-free LiDAR ranges (beams,) [m]
-    angles: Array  # Bearings of the beams (beams,) [rad]
-    geometry: VehicleGeometry  # Outline of the ego car
+from shield import ActuatorLimits, LaneMeasurement
 
 
 @dataclass(frozen=True, slots=True)
@@ -221,8 +209,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         """The chase view (360, 640, 3) uint8, or None without a render mode."""
         if self.render_mode is None:
             return None
-        seen = (self._state, self._scan, self._lidar.angles, self.config.scanner.mount)
-        return chase_view(self._world, *seen, self._light, self.overlay)
+        return chase_view(self._world, self.scene(), self._light, self.overlay)
 
     @property
     def brightness(self) -> float:
@@ -234,7 +221,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._world.close()
 
     def scene(self) -> Scene:
-        """What a top view of this moment draws."""
+        """What a view of this moment draws."""
         obstacles, geometry = tuple(self._traffic.obstacles), self.config.vehicle
         return Scene(self._road, obstacles, self._state, self._scan, self._lidar.angles, geometry)
 

@@ -73,21 +73,16 @@ class CityConfig:
         return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range, mount=mount)
 
     def _check_pairs(self) -> None:
-        if self.min_brightness > self.max_brightness:
-            raise ValueError(
-                f"`min_brightness` must not exceed `max_brightness` = {self.max_brightness}. "
-                f"Got {self.min_brightness}."
-            )
-        if self.route_spread > self.route_length - SHORTEST_ROUTE:
-            raise ValueError(
-                f"`route_spread` must be at most {self.route_length - SHORTEST_ROUTE}, so that no "
-                f"route is shorter than {SHORTEST_ROUTE:g} m. Got {self.route_spread}."
-            )
-        if self.collision_distance >= self.lidar_range:
-            raise ValueError(
-                f"`collision_distance` must be below `lidar_range` = {self.lidar_range}. "
-                f"Got {self.collision_distance}."
-            )
+        longest = self.route_length - SHORTEST_ROUTE
+        shortest = f"so that no route is shorter than {SHORTEST_ROUTE:g} m"
+        bright, reach = self.max_brightness, self.lidar_range
+        for name, holds, rule in (
+            ("min_brightness", self.min_brightness <= bright, f"at most max_brightness = {bright}"),
+            ("route_spread", self.route_spread <= longest, f"at most {longest}, {shortest}"),
+            ("collision_distance", self.collision_distance < reach, f"below lidar_range = {reach}"),
+        ):
+            if not holds:
+                raise ValueError(f"`{name}` must be {rule}. Got {getattr(self, name)}.")
 
     def _check_track(self, track: str) -> None:
         if not isinstance(track, (str, os.PathLike)):

@@ -15,11 +15,10 @@ from shield import LaneGeometry
 SPACING = 0.5  # Distance between two points of the centre line [m]
 LANES = LaneGeometry()  # Home and passing lane, measured from the home lane's centre
 LANE_WIDTH = LANES.width  # [m]
-LANES_PER_DIRECTION = 2
 HOME_LANE = -1.5 * LANE_WIDTH  # `d` of the ego's own, outer lane [m]
 PASSING_LANE = -0.5 * LANE_WIDTH  # `d` of the inner lane of the same direction [m]
 # From the centre line to the right-hand edge, on generated roads to both edges [m]
-HALF_WIDTH = LANES_PER_DIRECTION * LANE_WIDTH
+HALF_WIDTH = 2.0 * LANE_WIDTH
 LEAD_IN = 25.0  # Road behind the start [m]
 LEAD_OUT = 90.0  # Road beyond the goal [m]: as far as the camera sees
 MAX_ATTEMPTS = 200  # Roads drawn before giving up; about one in thirty of 500 m meets itself
@@ -147,17 +146,12 @@ class Road:
         return float(x - d * np.sin(yaw)), float(y + d * np.cos(yaw)), float(yaw)
 
     def line(self, start: float, stop: float, d: float | Array, step: float) -> Array:
-        """Points (n, 2) [m] of the line at offset `d` from `start` to `stop`."""
+        """Points (n, 2) [m] at offset `d`, of all or of each, from `start` to `stop`."""
         at = stations(start, stop, step)
         yaw = np.interp(at, self.s, self.heading)
         x = np.interp(at, self.s, self.points[:, 0]) - d * np.sin(yaw)
         y = np.interp(at, self.s, self.points[:, 1]) + d * np.cos(yaw)
         return np.stack([x, y], axis=1)
-
-    def left_line(self, start: float, stop: float, inset: float, step: float) -> Array:
-        """Points (n, 2) [m] of the line `inset` [m] to the right of the left-hand edge."""
-        edge = np.interp(stations(start, stop, step), self.s, self.left_edge)
-        return self.line(start, stop, edge - inset, step)
 
 
 def stations(start: float, stop: float, step: float) -> Array:

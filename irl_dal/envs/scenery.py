@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.arrays import Array, Colour
-from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
+from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road, stations
 from irl_dal.envs.world import World
 
 Strip = tuple[Array, NDArray[np.int64]]
@@ -102,36 +102,32 @@ class Scenery:
         if float(np.interp([start, stop], road.s, road.left_edge).min()) > TWO_LANES:
             offsets.append(LANE_WIDTH)
         places = [(s, min(s + DASH, end), d) for s in dashes for d in offsets]
-        dashed = [self._strip(*place, LINE_WIDTH, PAINT) for place in places]
-        inset, half = HALF_WIDTH - EDGE_LINE, 0.5 * LINE_WIDTH
+        half, inset = 0.5 * LINE_WIDTH, HALF_WIDTH - EDGE_LINE
+        dashed = [self._strip(a, b, d + half, d - half, PAINT) for a, b, d in places]
+        # Offsets of the left-hand edge
+        edge = np.interp(stations(start, stop, STEP), road.s, road.left_edge)
         edges = [
-            self._strip(start, stop, -EDGE_LINE, LINE_WIDTH, PAINT),
-            self._left_strip(start, stop, inset - half, inset + half, PAINT),
+            self._strip(start, stop, -EDGE_LINE + half, -EDGE_LINE - half, PAINT),
+            self._strip(start, stop, edge - (inset - half), edge - (inset + half), PAINT),
         ]
-        right = road.line(start, stop, -HALF_WIDTH, STEP)
-        bed = road.left_line(start, stop, 0.0, STEP), right
         kerbs = [
-            self._strip(start, stop, -HALF_WIDTH - 0.5 * GUTTER, GUTTER, SURFACE),
-            self._left_strip(start, stop, -GUTTER, 0.0, SURFACE),
+            self._strip(start, stop, -HALF_WIDTH, -HALF_WIDTH - GUTTER, SURFACE),
+            self._strip(start, stop, edge + GUTTER, edge, SURFACE),
         ]
+        middle = self._strip(start, stop, 0.5 * CENTRE_WIDTH, -0.5 * CENTRE_WIDTH, PAINT)
         return [
             self._mesh(edges + dashed, WHITE),
-            self._mesh([self._strip(start, stop, 0.0, CENTRE_WIDTH, PAINT)], YELLOW),
-            self._mesh([ribbon(*bed, SURFACE)], ASPHALT),
+            self._mesh([middle], YELLOW),
+            self._mesh([self._strip(start, stop, edge, -HALF_WIDTH, SURFACE)], ASPHALT),
             self._mesh(kerbs, KERB),
         ]
 
-    def _strip(self, start: float, stop: float, d: float, width: float, height: float) -> Strip:
-        left = self._road.line(start, stop, d + 0.5 * width, STEP)
-        right = self._road.line(start, stop, d - 0.5 * width, STEP)
-        return ribbon(left, right, height)
-
-    def _left_strip(
-        self, start: float, stop: float, outer: float, inner: float, height: float
+    def _strip(
+        self, start: float, stop: float, left: float | Array, right: float | Array, height: float
     ) -> Strip:
-        """Strip between two insets from the left-hand edge [m]."""
-        left = self._road.left_line(start, stop, outer, STEP)
-        return ribbon(left, self._road.left_line(start, stop, inner, STEP), height)
+        """Flat strip between the offsets `left` and `right` [m]."""
+        edges = [self._road.line(start, stop, offset, STEP) for offset in (left, right)]
+        return ribbon(edges[0], edges[1], height)
 
     def _mesh(self, strips: list[Strip], colour: Colour) -> int:
         offsets = np.cumsum([0] + [len(v) for v, _ in strips[:-1]])

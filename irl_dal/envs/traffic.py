@@ -12,7 +12,6 @@ from typing import Self
 
 import numpy as np
 
-from irl_dal.arrays import Colour
 from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH, PASSING_LANE, Road, RoadPoint
 from irl_dal.envs.world import World
 from shield import VehicleGeometry
@@ -107,15 +106,9 @@ class Obstacle:
     d: float  # Offset of its centre to the left of the centre line [m]
     cruise: float = 0.0  # Cruising speed along the road [m/s]; negative for oncoming traffic
     speed: float = 0.0  # Present speed along the road [m/s]
-    bodies: tuple[int, ...] = ()  # Its bodies in the world; none far from the ego
+    # Its bodies in the world, none far from the ego: number, place along it and height [m]
+    bodies: tuple[tuple[int, float, float], ...] = ()
     crossing: Crossing | None = None  # The way of a pedestrian across the road
-
-    @property
-    def colour(self) -> Colour:
-        """Barrels are orange, pedestrians magenta; cars have the colour of their size."""
-        if self.kind != "car":
-            return ORANGE if self.kind == "barrel" else MAGENTA
-        return PAINTS[int(self.size[0] * 100.0) % len(PAINTS)]
 
     def is_hidden_by(self, car: Self) -> bool:
         """Whether a slow car hides a pedestrian here from the ego."""
@@ -246,43 +239,34 @@ class Traffic:
             cars.append(Obstacle("car", _car_size(rng), *place, cruise=speed, speed=speed))
         return cars
 
-    def _build(self, obstacle: Obstacle) -> tuple[int, ...]:
-        world, colour = self._world, obstacle.colour
-        length, width, height = obstacle.size
+    def _build(self, obstacle: Obstacle) -> tuple[tuple[int, float, float], ...]:
+        world, (length, width, height) = self._world, obstacle.size
         if obstacle.kind == "barrel":
-            return (world.cylinder(0.5 * width, height, colour),)
+            return ((world.cylinder(0.5 * width, height, ORANGE), 0.0, 0.5 * height),)
         if obstacle.kind == "pedestrian":
             head = world.box((0.24, 0.22, 0.26), SKIN, solid=False)
-            return (world.cylinder(0.5 * width, height - 0.25, colour), head)
-        body = world.box((length, width, 0.62 * height), colour)
+            body = world.cylinder(0.5 * width, height - 0.25, MAGENTA)
+            return (body, 0.0, 0.5 * height - 0.125), (head, 0.0, height - 0.12)
+        paint = PAINTS[int(length * 100.0) % len(PAINTS)]
+        body = world.box((length, width, 0.62 * height), paint)
         cabin = world.box((0.55 * length, 0.88 * width, 0.36 * height), GLASS, solid=False)
-        return (body, cabin)
+        ahead = 0.06 * length * (-1.0 if obstacle.cruise >= 0.0 else 1.0)
+        return (body, 0.0, 0.22 + 0.31 * height), (cabin, ahead, 0.20 + 0.80 * height)
 
     def _place(self, obstacle: Obstacle, ego: float) -> None:
         """Put it on the road; far from the ego at `ego` [m] it has no bodies."""
         s = obstacle.s
         if not self._road.s[0] < s < self._road.s[-1] or abs(s - ego) > ACTIVE:
-            for body in obstacle.bodies:
+            for body, _, _ in obstacle.bodies:
                 self._world.remove(body)
             obstacle.bodies = ()
             return
         if obstacle.bodies and obstacle.cruise == 0.0 and obstacle.crossing is None:
             return
         obstacle.bodies = obstacle.bodies or self._build(obstacle)
-        length, _, height = obstacle.size
         x, y, yaw = self._road.pose(s, obstacle.d)
-        if obstacle.kind == "barrel":
-            self._world.move(obstacle.bodies[0], (x, y, 0.5 * height), yaw)
-        elif obstacle.kind == "pedestrian":
-            body, head = obstacle.bodies
-            self._world.move(body, (x, y, 0.5 * height - 0.125), yaw)
-            self._world.move(head, (x, y, height - 0.12), yaw)
-        else:
-            body, cabin = obstacle.bodies
-            self._world.move(body, (x, y, 0.22 + 0.31 * height), yaw)
-            back = 0.06 * length * (1.0 if obstacle.cruise >= 0.0 else -1.0)
-            at = (x - back * np.cos(yaw), y - back * np.sin(yaw), 0.20 + 0.80 * height)
-            self._world.move(cabin, at, yaw)
+        for body, ahead, z in obstacle.bodies:
+            self._world.move(body, (x + ahead * np.cos(yaw), y + ahead * np.sin(yaw), z), yaw)
 
 
 def _home_obstacle(s: float, share: float, rng: np.random.Generator) -> Obstacle:

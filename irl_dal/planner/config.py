@@ -14,7 +14,7 @@ from irl_dal.planner.sampler import Prediction, Sampler, ddim_transitions, ddpm_
 from shield.errors import check_positive, check_within
 
 SamplerKind = Literal["ddim", "ddpm"]
-Activation = Literal["trigger", "always", "never"]
+Activation = Literal["trigger", "always"]
 
 # Clean estimates are clipped to [-CLIP, CLIP], the box of the actions, before they are guided
 CLIP = 1.0
@@ -25,9 +25,8 @@ class PlannerConfig:
     """Settings of the diffusion planner, and when a run asks it."""
 
     enabled: bool = True
-    activation: Activation = "trigger"  # When it is asked: on the trigger, always or never
+    activation: Activation = "trigger"  # When it is asked
     without_lane: bool = False  # The trigger asks it also where no lane is seen and nothing is near
-    expert_reference: bool = True  # The expert's command is its reference (E_expert) in training
     horizon: int = 8  # H (Table II), even because the U-Net halves it
     diffusion_steps: int = 100  # T (Table II)
     schedule: ScheduleKind = "cosine"  # `printed` is the paper's and leaves signal at T

@@ -30,7 +30,6 @@ LARGEST_BETA = 0.999  # Keeps alpha-bar_T above zero (Nichol and Dhariwal)
 class NoiseSchedule:
     """Variances of the forward process, read-only."""
 
-    kind: ScheduleKind  # Which schedule
     alpha_bar: Array  # Share of the signal's variance left after k steps, (T + 1,)
 
     @classmethod
@@ -47,7 +46,7 @@ class NoiseSchedule:
         beta = _cosine(steps) if kind == "cosine" else linear
         alpha_bar = np.concatenate([[1.0], np.cumprod(1.0 - beta)])
         alpha_bar.setflags(write=False)
-        return cls(kind, alpha_bar)
+        return cls(alpha_bar)
 
     @property
     def steps(self) -> int:

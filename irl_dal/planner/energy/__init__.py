@@ -1,6 +1,6 @@
 """The energies that guide a plan; lower is better."""
 
-from irl_dal.planner.energy.config import EnergyConfig, EnergyForms
+from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.planner.energy.total import TotalEnergy
 
-__all__ = ["EnergyConfig", "EnergyForms", "TotalEnergy"]
+__all__ = ["EnergyConfig", "TotalEnergy"]

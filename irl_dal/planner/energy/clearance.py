@@ -5,12 +5,11 @@ import math
 import numpy as np
 
 from irl_dal.arrays import Array
-from irl_dal.planner.context import PlanningContext, hazard
-from irl_dal.planner.energy.base import Energy
-from irl_dal.planner.energy.config import EnergyConfig
+from irl_dal.planner.context import PlanningContext
+from irl_dal.planner.energy.base import Energy, risk_adaptive
 from irl_dal.planner.rollout import NO_TAIL, BrakingTail, ego_gradient, ego_rollout
 from irl_dal.shortcuts import compiled
-from shield import ActuatorLimits, VehicleGeometry
+from shield import VehicleGeometry
 
 DISCS = 3  # Discs that cover the car, one for each third of its length
 OBJECT_SIZE = 3.0  # Returns within this distance of the nearest one move with it [m]; about a car
@@ -26,17 +25,14 @@ class ClearanceEnergy(Energy):
     brakes as hard. Points that no plan can come near to are left out.
     """
 
-    name = "lidar"
-
-    def __init__(
-        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
-    ) -> None:
-        super().__init__(context, config, limits, horizon)
-        self.weight = clearance_weight(context, config)
+    def prepare(self) -> None:
+        """Set the weight, the discs, and where the points will be."""
+        context, braking = self.context, self.config.braking
+        self.weight = risk_adaptive(self.config.clearance_weight, context)
         self._centres, self._radius = cover(context.vehicle)
-        self._tail = NO_TAIL if config.braking is None else BrakingTail(config.braking)
+        self._tail = NO_TAIL if braking is None else BrakingTail(braking)
         points, velocities = self._reachable(*scan_points(context))
-        driven = limits.dt * np.arange(1, horizon + 1)[:, None] * np.ones(len(points))
+        driven = self.limits.dt * np.arange(1, self.horizon + 1)[:, None] * np.ones(len(points))
         if self._tail.points:
             speeds = np.linalg.norm(velocities, axis=1)
             rest = self._tail.driven(float(context.previous[1]), speeds)
@@ -118,11 +114,6 @@ def _nearness(
                 dy[b, i] = pull * (ego.y[b, i] + disc * sin - north[i, point])
                 dheading[b, i] = disc * (dy[b, i] * cos - dx[b, i] * sin)
     return value, ego_gradient(ego, dx, dy, dheading)
-
-
-def clearance_weight(context: PlanningContext, config: EnergyConfig) -> float:
-    """The risk-adaptive w_lidar."""
-    return config.clearance_weight * (1.0 + hazard(context.nearest))
 
 
 def cover(vehicle: VehicleGeometry) -> tuple[Array, float]:

@@ -7,19 +7,15 @@ import numpy as np
 from expert import LaneMap
 from expert.fsm import BESIDE, CORRIDOR
 from irl_dal.arrays import Array
-from irl_dal.planner.context import PlanningContext, hazard
-from irl_dal.planner.energy.base import Energy
-from irl_dal.planner.energy.config import EnergyConfig
+from irl_dal.planner.context import PlanningContext
+from irl_dal.planner.energy.base import Energy, risk_adaptive
 from irl_dal.planner.rollout import LanePose, road_gradient, road_rollout
 from irl_dal.shortcuts import compiled
-from shield import ActuatorLimits
 
 # The offset is judged where the heading leads within this time [s], so that guidance neither swings
 # nor undoes a change of lane
 PREVIEW = 1.0
 SIGHT = 25.0  # A lane is open where this much of it is free, from the front bumper [m]
-# Of a lane estimate, in the order of `LanePose`
-POSE = ("lateral_offset", "heading_error", "curvature", "curvature_rate")
 
 
 def open_lanes(context: PlanningContext) -> tuple[float, ...]:
@@ -50,21 +46,13 @@ class LaneEnergy(Energy):
     :math:`\alpha_{hazard}`, here 1.
     """
 
-    name = "lane"
-
-    def __init__(
-        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
-    ) -> None:
-        super().__init__(context, config, limits, horizon)
-        self._centres = np.array(open_lanes(context))
-        self.weight = lane_weight(context, config)
-        pose = (getattr(context.lane, name) for name in POSE)
+    def prepare(self) -> None:
+        """Set the weight, 0 without a lane estimate, the open lanes and the pose."""
+        lane = self.context.lane
+        self.weight = risk_adaptive(self.config.lane_weight, self.context) if lane.valid else 0.0
+        self._centres = np.array(open_lanes(self.context))
+        pose = (lane.lateral_offset, lane.heading_error, lane.curvature, lane.curvature_rate)
         self._start = LanePose(*map(float, pose))
-
-    @property
-    def active(self) -> bool:
-        """Without a lane estimate there is nothing to adhere to."""
-        return self.context.lane.valid and self.weight > 0
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
@@ -107,8 +95,3 @@ def _deviation(
     gradient = road_gradient(road, doffset, dheading)
     gradient[..., 1] += preview * doffset * np.sin(road.heading)
     return value, gradient
-
-
-def lane_weight(context: PlanningContext, config: EnergyConfig) -> float:
-    """The risk-adaptive w_lane."""
-    return config.lane_weight * (1.0 + hazard(context.nearest))

@@ -5,11 +5,8 @@ import math
 import numpy as np
 
 from irl_dal.arrays import Array
-from irl_dal.planner.context import PlanningContext
 from irl_dal.planner.energy.base import Energy
-from irl_dal.planner.energy.config import EnergyConfig
 from irl_dal.shortcuts import compiled
-from shield import ActuatorLimits
 
 
 class JerkEnergy(Energy):
@@ -19,14 +16,10 @@ class JerkEnergy(Energy):
     executed command to the first action and averages over H.
     """
 
-    name = "jerk"
-
-    def __init__(
-        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
-    ) -> None:
-        super().__init__(context, config, limits, horizon)
-        self.weight = config.jerk_weight
-        self._previous = self.scale.to_action(context.previous)
+    def prepare(self) -> None:
+        """Set the weight and the action before the first."""
+        self.weight = self.config.jerk_weight
+        self._previous = self.scale.to_action(self.context.previous)
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
@@ -41,16 +34,13 @@ class StabilityEnergy(Energy):
     steering that follows the lane's curvature.
     """
 
-    name = "stability"
-
-    def __init__(
-        self, context: PlanningContext, config: EnergyConfig, limits: ActuatorLimits, horizon: int
-    ) -> None:
-        super().__init__(context, config, limits, horizon)
+    def prepare(self) -> None:
+        """Set the weight and the neutral action."""
+        config, lane = self.config, self.context.lane
         self.weight = config.stability_weight
-        speed, steering = max(float(context.previous[1]), config.slowest_reference), 0.0
-        if config.forms == "rollout" and context.lane.valid:
-            steering = math.atan(limits.wheelbase * context.lane.curvature)
+        speed, steering = max(float(self.context.previous[1]), config.slowest_reference), 0.0
+        if config.forms == "rollout" and lane.valid:
+            steering = math.atan(self.limits.wheelbase * lane.curvature)
         self._neutral = self.scale.to_action(np.array([steering, speed]))
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
@@ -64,18 +54,17 @@ class ExpertEnergy(Energy):
     Only where the context has a reference.
     """
 
-    name = "expert"
-
-    @property
-    def active(self) -> bool:
-        """Whether there is a reference."""
-        return self.context.expert_reference is not None and self.config.expert_weight > 0
+    def prepare(self) -> None:
+        """Set the weight, 0 without a reference."""
+        reference = self.context.expert_reference
+        self.weight = 0.0
+        if reference is not None:
+            self.weight = self.config.expert_weight
+            self._reference = self.scale.to_action(reference)
 
     def evaluate(self, actions: Array) -> tuple[Array, Array]:
         """Energies (B,) and gradients (B, H, 2)."""
-        assert self.context.expert_reference is not None
-        reference = self.scale.to_action(self.context.expert_reference)
-        return _distance(actions, reference, self.config.expert_weight)
+        return _distance(actions, self._reference, self.weight)
 
 
 @compiled

@@ -4,10 +4,10 @@ import numpy as np
 
 from irl_dal.arrays import Array
 from irl_dal.planner.context import PlanningContext
-from irl_dal.planner.energy.base import Energy
-from irl_dal.planner.energy.clearance import ClearanceEnergy, clearance_weight
+from irl_dal.planner.energy.base import Energy, risk_adaptive
+from irl_dal.planner.energy.clearance import ClearanceEnergy
 from irl_dal.planner.energy.config import EnergyConfig
-from irl_dal.planner.energy.lane import LaneEnergy, lane_weight
+from irl_dal.planner.energy.lane import LaneEnergy
 from irl_dal.planner.energy.smoothness import ExpertEnergy, JerkEnergy, StabilityEnergy
 from shield import ActuatorLimits
 
@@ -44,15 +44,12 @@ class TotalEnergy:
             gradient += slope
         return value, gradient
 
-    def parts(self, actions: Array) -> dict[str, Array]:
-        """Energies (B,) of each term by name."""
-        return {term.name: term.evaluate(actions)[0] for term in self.terms}
-
 
 def _present_energy(context: PlanningContext, config: EnergyConfig) -> float:
     """The paper's E_lane and E_lidar, of the present deviation and clearance only."""
     gap = max(0.0, (config.safe_clearance - context.nearest) / config.clearance_scale)
-    energy = clearance_weight(context, config) * gap**2
+    energy = risk_adaptive(config.clearance_weight, context) * gap**2
     if context.lane.valid:
-        energy += lane_weight(context, config) * (context.lane_deviation / config.lane_scale) ** 2
+        weight = risk_adaptive(config.lane_weight, context)
+        energy += weight * (context.lane_deviation / config.lane_scale) ** 2
     return energy

@@ -5,8 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from irl_dal.planner import EnergyConfig, TotalEnergy
-from irl_dal.planner.energy.lane import open_lanes
+from irl_dal.planner import EnergyConfig
+from irl_dal.planner.energy.lane import LaneEnergy, open_lanes
+from irl_dal.planner.energy.smoothness import StabilityEnergy
 from tests.irl_dal.planner.scenes import (
     BEAM_ANGLES,
     HORIZON,
@@ -51,7 +52,7 @@ def lane_energy(scene, steering: float) -> float:  # type: ignore[no-untyped-def
     """E_lane of one constant steering [rad] at the scene's speed."""
     action = LIMITS.to_action(np.array([steering, scene.speed]))
     plan = np.tile(action, (1, HORIZON, 1))
-    return float(TotalEnergy(scene, EnergyConfig(), LIMITS, HORIZON).parts(plan)["lane"][0])
+    return float(LaneEnergy(scene, EnergyConfig(), LIMITS, HORIZON).evaluate(plan)[0][0])
 
 
 def test_a_car_between_the_lanes_is_pulled_to_the_open_one() -> None:
@@ -68,12 +69,12 @@ def test_a_standing_car_is_not_kept_standing() -> None:
 
     def planned(slowest: float) -> float:
         energy = EnergyConfig(slowest_reference=slowest, lane_weight=0.0)
-        term = TotalEnergy(stands, energy, LIMITS, HORIZON)
+        term = StabilityEnergy(stands, energy, LIMITS, HORIZON)
         slow, fast = (
             np.tile(LIMITS.to_action(np.array([0.0, speed])), (1, HORIZON, 1))
             for speed in (0.0, 3.0)
         )
-        return float(term.parts(fast)["stability"][0] - term.parts(slow)["stability"][0])
+        return float(term.evaluate(fast)[0][0] - term.evaluate(slow)[0][0])
 
     assert planned(3.0) < 0.0 < planned(0.0)
 
