@@ -99,7 +99,7 @@ def _train(folder: RunFolder, console: Console) -> None:
         perception=config.perception,
         run_dir=folder.path,
         seed=config.seed,
-        observers=(ProgressBar(console),),
+        progress=ProgressBar(console),
         provenance=provenance(config),
     )
     try:

@@ -29,7 +29,7 @@ from irl_dal.learning.reinforcement.critic import warm_start_critic
 from irl_dal.learning.reinforcement.discriminator import Discriminator
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 from irl_dal.learning.reinforcement.ppo import build_ppo
-from irl_dal.learning.run_log import Observer, RunLog
+from irl_dal.learning.run_log import ProgressBar, RunLog
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
@@ -62,7 +62,7 @@ class Pipeline:
         perception: PerceptionConfig,
         run_dir: Path,
         seed: int,
-        observers: Sequence[Observer] = (),
+        progress: ProgressBar | None = None,
         provenance: Mapping[str, str] | None = None,
     ) -> None:
         self.config = config
@@ -81,7 +81,7 @@ class Pipeline:
         keep = config.saec != "off"
         self.recorder = Recorder(self.replay, config.n_envs, keep_intervened=keep)
         self.learners = self._build(perception)
-        self.log = RunLog(run_dir, self.recorder, observers)
+        self.log = RunLog(run_dir, self.recorder, progress)
         self._store = CheckpointStore(run_dir)
         self._provenance = dict(provenance or {})
         self._exported = 0
@@ -176,8 +176,7 @@ class Pipeline:
     def _imitate(self) -> None:
         """Phase 1: the expert drives."""
         config, learners, log = self.config, self.learners, self.log
-        for observer in log.observers:
-            observer.begin("imitation", self.step, config.imitation_steps)
+        log.progress.begin("imitation", self.step, config.imitation_steps)
         records = demonstrations(self.cars, config.imitation_steps - self.step)
         while self.step < config.imitation_steps:
             with log.timed("driving"):
@@ -195,8 +194,7 @@ class Pipeline:
     def _refine(self) -> None:
         """Phase 2: the policy drives, one PPO update at a time."""
         config, ppo = self.config, self.learners.ppo
-        for observer in self.log.observers:
-            observer.begin("mixed", self.step, config.total_steps)
+        self.log.progress.begin("mixed", self.step, config.total_steps)
         if not self._critic_ready:
             with self.log.timed("critic"):
                 explained = warm_start_critic(
@@ -245,8 +243,7 @@ class Pipeline:
     def _take(self, record: StepRecord) -> None:
         self.recorder.take(record)
         self.step += 1
-        for observer in self.log.observers:
-            observer.advance(self.step)
+        self.log.progress.advance(self.step)
 
     def _finish(self) -> None:
         """Imitation has the last word: after the last PPO update, not before it."""

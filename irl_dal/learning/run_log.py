@@ -1,4 +1,4 @@
-"""The log of a training run: rows of metrics (CSV, TensorBoard), timings, and the observers.
+"""The log of a training run: rows of metrics (CSV, TensorBoard), timings, and the progress bar.
 
 Columns of `metrics.csv`; a cell is empty where the row has no new value.
 
@@ -23,12 +23,12 @@ Columns of `metrics.csv`; a cell is empty where the row has no new value.
 
 import csv
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict
 from io import StringIO
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Any
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -38,11 +38,13 @@ from torch.utils.tensorboard import SummaryWriter
 from irl_dal.learning.collection.recorder import Counts, Recorder
 from irl_dal.storage.atomic import write_text
 
-__all__ = ["MetricsCsv", "Observer", "ProgressBar", "RunLog", "metrics_logger", "read_metrics"]
+__all__ = ["MetricsCsv", "ProgressBar", "RunLog", "metrics_logger", "read_metrics"]
 
 STEP = "step"  # first column of the metrics
+LINE = 4  # rows of metrics to a line where there is no terminal
 OTHER = "other"  # part of a run's time that no other part claims
 SHOWN = {  # key metrics of the bar, in this order
+    "time/steps_per_second": "{:.0f} steps/s",
     "rollout/success_rate": "success {:.0%}",
     "rollout/episode_return": "return {:.0f}",
     "bc/loss": "BC {:.4f}",
@@ -53,30 +55,64 @@ SHOWN = {  # key metrics of the bar, in this order
 }
 
 
-class Observer(Protocol):
-    """Receives what a pipeline does; must not disturb it."""
+class ProgressBar:
+    """Phase, bar, time left and key metrics; without a terminal, a line for every `LINE` rows."""
+
+    def __init__(self, console: Console) -> None:
+        self.console = console
+        self._shown: dict[str, float] = {}
+        self._rows = self._last = 0
+        self._phase = ""
+        self._bar = Progress(
+            TextColumn("[bold]{task.description}"),
+            BarColumn(bar_width=24),
+            MofNCompleteColumn(),
+            TimeRemainingColumn(),
+            TextColumn("{task.fields[metrics]}"),
+            console=self.console,
+            refresh_per_second=4,
+            disable=not self.console.is_terminal,
+        )
+        self._task = self._bar.add_task("", total=None, metrics="")
 
     def begin(self, phase: str, step: int, last: int) -> None:
-        """A phase begins at `step` and ends at `last`."""
+        """Show the phase."""
+        self._phase, self._last = phase, last
+        if not self.console.is_terminal:
+            self.console.print(f"{phase}: {step} of {last} steps")
+        self._bar.start()
+        self._bar.reset(self._task, description=phase, completed=step, total=last)
 
     def advance(self, step: int) -> None:
-        """`step` environment steps are done."""
+        """Move the bar."""
+        self._bar.update(self._task, completed=step)
 
     def metrics(self, step: int, values: Mapping[str, float]) -> None:
-        """A row of metrics was written."""
+        """Show the newest of the key metrics."""
+        self._shown |= {key: float(value) for key, value in values.items() if key in SHOWN}
+        self._rows += 1
+        if not self.console.is_terminal and self._rows % LINE:
+            return
+        text = "  ".join(
+            form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown
+        )
+        self._bar.update(self._task, metrics=text)
+        if not self.console.is_terminal:
+            self.console.print(f"{self._phase}  {step}/{self._last}  {text}")
 
     def end(self) -> None:
-        """The run is over, complete or not."""
+        """Take the bar away."""
+        self._bar.stop()
 
 
 class RunLog:
-    """Writes the rows of what the recorder counts, and notifies the observers."""
+    """Writes the rows of what the recorder counts, and shows them."""
 
-    def __init__(self, run_dir: Path, recorder: Recorder, observers: Sequence[Observer]) -> None:
+    def __init__(self, run_dir: Path, recorder: Recorder, progress: ProgressBar | None) -> None:
         self.seconds: dict[str, float] = {"total": 0.0}  # so far, all of it and by part
         self._run_dir = run_dir
         self._recorder = recorder
-        self.observers = tuple(observers)
+        self.progress = progress or ProgressBar(Console(quiet=True, force_terminal=False))
         self._counts = Counts()
         self._row_at = self._started = self._switched = time.monotonic()
         self._part = OTHER
@@ -94,8 +130,7 @@ class RunLog:
         """No more rows."""
         if self._logger is not None:
             self._logger.close()
-        for observer in self.observers:
-            observer.end()
+        self.progress.end()
 
     @contextmanager
     def timed(self, part: str) -> Iterator[None]:
@@ -125,8 +160,7 @@ class RunLog:
         written = dict(self._logger.name_to_value)
         self._logger.dump(step)
         self._counts, self._row_at = self._recorder.counts, now
-        for observer in self.observers:
-            observer.metrics(step, written)
+        self.progress.metrics(step, written)
 
     def _rates(self, phase: int, now: float) -> dict[str, float]:
         added = self._recorder.counts - self._counts
@@ -197,60 +231,3 @@ def metrics_logger(run_dir: Path, step: int = 0) -> Logger:
 def read_metrics(path: Path) -> list[Mapping[str, str]]:
     """All rows of a metrics file; empty strings where a row has no value, none without a file."""
     return list(csv.DictReader(path.read_text().splitlines())) if path.is_file() else []
-
-
-class ProgressBar:
-    """Phase, bar, steps per second, time left and key metrics.
-
-    Where there is no terminal, a line for every `every` rows of metrics.
-    """
-
-    def __init__(self, console: Console, every: int = 4) -> None:
-        self.console, self.every = console, every
-        self._shown: dict[str, float] = {}
-        self._rows = self._last = 0
-        self._phase = ""
-        self._clock = (0, time.monotonic())
-        self._bar = Progress(
-            TextColumn("[bold]{task.description}"),
-            BarColumn(bar_width=24),
-            MofNCompleteColumn(),
-            TimeRemainingColumn(),
-            TextColumn("{task.fields[metrics]}"),
-            console=self.console,
-            refresh_per_second=4,
-            disable=not self.console.is_terminal,
-        )
-        self._task = self._bar.add_task("", total=None, metrics="")
-
-    def begin(self, phase: str, step: int, last: int) -> None:
-        """Show the phase."""
-        self._phase, self._last = phase, last
-        self._clock = (step, time.monotonic())
-        if not self.console.is_terminal:
-            self.console.print(f"{phase}: {step} of {last} steps")
-        self._bar.start()
-        self._bar.reset(self._task, description=phase, completed=step, total=last)
-
-    def advance(self, step: int) -> None:
-        """Move the bar."""
-        self._bar.update(self._task, completed=step)
-
-    def metrics(self, step: int, values: Mapping[str, float]) -> None:
-        """Show the newest of the key metrics."""
-        self._shown |= {key: float(value) for key, value in values.items() if key in SHOWN}
-        self._rows += 1
-        if not self.console.is_terminal and self._rows % self.every:
-            return
-        (earlier, then), now = self._clock, time.monotonic()
-        self._clock = (step, now)
-        text = f"{(step - earlier) / max(now - then, 1e-9):.0f} steps/s  " + "  ".join(
-            form.format(self._shown[k]) for k, form in SHOWN.items() if k in self._shown
-        )
-        self._bar.update(self._task, metrics=text)
-        if not self.console.is_terminal:
-            self.console.print(f"{self._phase}  {step}/{self._last}  {text}")
-
-    def end(self) -> None:
-        """Take the bar away."""
-        self._bar.stop()

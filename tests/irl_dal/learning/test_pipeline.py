@@ -16,7 +16,7 @@ import torch
 from irl_dal.learning import LearningConfig, Pipeline
 from irl_dal.learning.collection.recorder import EpisodeEnd
 from irl_dal.learning.reinforcement.ppo import PPOConfig
-from irl_dal.learning.run_log import read_metrics
+from irl_dal.learning.run_log import ProgressBar, read_metrics
 from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 
@@ -25,8 +25,8 @@ class StopError(Exception):
     """Ends a run as a failure of anything else would."""
 
 
-class StopAt:
-    """An observer that breaks the run at a step."""
+class StopAt(ProgressBar):
+    """A progress bar that breaks the run at a step."""
 
     def __init__(self, step: int) -> None:
         self.step = step
@@ -66,7 +66,7 @@ def same(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> bool:
 def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
     """A complete short run."""
     states = torch.get_rng_state(), np.random.get_state()[1].copy()
-    pipeline = new_pipeline(tmp_path_factory.mktemp("run"), observers=[StopAt(-1)])
+    pipeline = new_pipeline(tmp_path_factory.mktemp("run"), progress=StopAt(-1))
     pipeline.run()
     assert torch.equal(torch.get_rng_state(), states[0])
     assert np.array_equal(np.random.get_state()[1], states[1])
@@ -104,7 +104,7 @@ def test_a_run_does_all_of_algorithm_1(finished: Pipeline) -> None:
     ):
         assert np.isfinite(float(last_values[key])), key
     assert int(last_values["count/command_violations"]) == 0
-    observer = finished.log.observers[0]
+    observer = finished.log.progress
     assert isinstance(observer, StopAt)
     assert observer.phases == [("imitation", 0, 120), ("mixed", 120, 200)]
     assert observer.rows == [int(row["step"]) for row in rows]
@@ -140,7 +140,7 @@ def test_a_broken_run_goes_on_from_its_last_checkpoint(
     tmp_path: Path, broken_at: int, resumed_at: int
 ) -> None:
     """At most one interval is lost; weights and data are those of the checkpoint."""
-    broken = new_pipeline(tmp_path, observers=[StopAt(broken_at)])
+    broken = new_pipeline(tmp_path, progress=StopAt(broken_at))
     with pytest.raises(StopError):
         broken.run()
     resumed = new_pipeline(tmp_path, seed=9)
@@ -173,11 +173,11 @@ def test_cars_in_processes_of_their_own_drive_the_same_run(
 def test_resuming_is_deterministic(tmp_path: Path) -> None:
     """Two processes that go on from one checkpoint end with the same weights."""
     with pytest.raises(StopError):
-        new_pipeline(tmp_path, observers=[StopAt(130)]).run()
+        new_pipeline(tmp_path, progress=StopAt(130)).run()
     ends = []
     for _ in range(2):
         with pytest.raises(StopError):
-            resumed = new_pipeline(tmp_path, observers=[StopAt(151)])
+            resumed = new_pipeline(tmp_path, progress=StopAt(151))
             resumed.restore()
             resumed.run()
         ends.append(weights(resumed))
