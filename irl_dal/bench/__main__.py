@@ -14,7 +14,6 @@ from irl_dal.cli.preflight import preflight
 preflight("drive", command=__name__)
 
 import argparse
-import sys
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from math import isfinite
@@ -25,7 +24,7 @@ from rich.console import Console, RenderableType
 
 from irl_dal.bench.car import car_tables
 from irl_dal.bench.drive import drives, lane_table, outcome_table
-from irl_dal.bench.learning import learning_tables
+from irl_dal.bench.learning import learning_table
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import speed_tables
 from irl_dal.cli.command import new_console, one_line_errors
@@ -33,7 +32,6 @@ from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError, RunConfig
 from irl_dal.envs import FAULTS, CityConfig
 from irl_dal.evaluation.rig import AgentSpec
-from irl_dal.storage.checkpoint import CheckpointError
 from irl_dal.storage.run_folder import open_run
 
 FIRST_SEED = 20_000  # seeds from here on are for reports; nothing was tuned on them
@@ -49,18 +47,13 @@ class _Parser(argparse.ArgumentParser):
         self.exit(2, f"error: {message}\n")
 
 
-def main(arguments: Sequence[str] | None = None) -> int:
-    """Entry point of the command; returns its exit code, 2 for a mistake on the command line."""
+def main(arguments: Sequence[str] | None = None) -> None:
+    """Entry point of the command."""
     options = _parser().parse_args(arguments)
     console = new_console()
     with one_line_errors():
-        try:
-            for part in options.measure(options, console):
-                console.print(part)
-        except (ConfigError, CheckpointError) as error:
-            print(f"error: {error}", file=sys.stderr)
-            return 2
-    return 0
+        for part in options.measure(options, console):
+            console.print(part)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -139,7 +132,7 @@ def _planner(options: argparse.Namespace, console: Console) -> Parts:
 
 def _learning(options: argparse.Namespace, console: Console) -> Parts:
     with one_thread():
-        yield from learning_tables(RunConfig(), options.rounds)
+        yield learning_table(RunConfig(), options.rounds)
 
 
 def _drives(options: argparse.Namespace, console: Console) -> Parts:
@@ -164,4 +157,4 @@ def _drives(options: argparse.Namespace, console: Console) -> Parts:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    main()

@@ -14,8 +14,10 @@ from rich.table import Table
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig
 from irl_dal.evaluation.rig import AgentSpec, Rig
+from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.workers import Workers
 from irl_dal.figures.table import terminal_table
+from irl_dal.loop import SOURCES, Observation
 
 Array = NDArray[np.float64]
 
@@ -24,7 +26,6 @@ Array = NDArray[np.float64]
 class Drive:
     """One episode of T steps."""
 
-    seed: int
     outcome: str  # success, collision, off_road or timeout
     brightness: float  # of its light, 0 dark to 1 bright
     offset: Array  # true lateral offset (T + 1,) [m]
@@ -72,30 +73,21 @@ def outcome_table(title: str, groups: Mapping[str, Sequence[Drive]]) -> Table:
 
 def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
     number, seed = task
-    loop, agent = rig.loop, rig.agent
-    observation, info = loop.reset(seed=seed, options={"stretch": number})
-    agent.reset(seed)
-    rows, commands, violations, over = [_row(info)], [], 0, False
-    while not over:
-        action = agent.act(observation, info)
-        observation, _, terminated, truncated, info = agent.drive(loop, action)
-        rows.append(_row(info))
-        commands.append(info["executed_command"])
-        own = info["nominal_violations"]
-        violations += own.get("expert", own.get("policy", False))
-        over = terminated or truncated
+    rows: list[tuple[float, float, float, float]] = []
+
+    def watch(_: Observation, info: Mapping[str, Any]) -> None:
+        measurement, lane = info["lane_measurement"], info["lane"]
+        measured = np.nan if measurement is None else measurement.lateral_offset
+        rows.append((info["lateral_offset"], measured, lane.lateral_offset, lane.valid))
+
+    episode = drive_episode(rig.loop, rig.agent, seed, watch, {"stretch": number})
     offset, measured, tracked, valid = np.array(rows, np.float64).T
-    ends = (name for name in ("success", "collision", "off_road") if info[name])
+    own = episode.nominal_violations[:, [SOURCES.index("policy"), SOURCES.index("expert")]]
+    ends = (name for name in ("success", "collision", "off_road") if getattr(episode, name))
     return Drive(
-        seed, next(ends, "timeout"), loop.city.brightness, offset, measured, tracked, valid > 0.0,
-        violations, np.array(commands),
+        next(ends, "timeout"), rig.loop.city.brightness, offset, measured, tracked, valid > 0.0,
+        int((own == 1).any(axis=1).sum()), episode.executed_command,
     )  # fmt: skip
-
-
-def _row(info: Mapping[str, Any]) -> tuple[float, float, float, float]:
-    measurement, lane = info["lane_measurement"], info["lane"]
-    measured = float("nan") if measurement is None else measurement.lateral_offset
-    return info["lateral_offset"], measured, lane.lateral_offset, lane.valid
 
 
 DAY = 0.5  # brightness from which it is day

@@ -1,7 +1,5 @@
-"""How long the gradient steps of a run take, on one thread and on two, alone and not alone."""
+"""How long the gradient steps of a run take, on one thread and on two."""
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -9,6 +7,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.table import Table
 
 from irl_dal.build import build_drivers, build_planner
@@ -20,7 +19,6 @@ from irl_dal.learning.learners import Learners
 from irl_dal.shortcuts import keep_freed_memory
 
 COUNTS = (1, 2)  # threads that are compared
-BUSY = (0, 1, 2)  # other processes beside which they are compared
 STEPS = 10  # gradient steps of one timed update
 DEMONSTRATION = 400  # steps of the expert that the updates learn from
 
@@ -44,54 +42,29 @@ def demonstrated(config: RunConfig, steps: int) -> Iterator[Learners]:
             drivers.close()
 
 
-def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, dict[int, float]]:
-    """Median time of a gradient step [s] of policy and planner over threads, which take turns."""
+def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, NDArray[np.float64]]:
+    """Median time of a gradient step [s] of policy and planner over `COUNTS`, which take turns."""
     updates = {"behaviour cloning": learners.clone, "planner": learners.train_planner}
-    taken: dict[str, dict[int, list[float]]] = {
-        name: {count: [] for count in COUNTS} for name in updates
-    }
-    for place in range(-1, rounds):
+    taken = {name: np.empty((rounds + 1, len(COUNTS))) for name in updates}
+    for place in range(rounds + 1):
         for name, update in updates.items():
-            for count in COUNTS:
+            for column, count in enumerate(COUNTS):
                 learners.threads = count
                 begun = time.perf_counter()
                 update(steps)
-                if place >= 0:  # the first round warms up
-                    taken[name][count].append((time.perf_counter() - begun) / steps)
-    return {
-        name: {count: float(np.median(times)) for count, times in columns.items()}
-        for name, columns in taken.items()
-    }
+                taken[name][place, column] = (time.perf_counter() - begun) / steps
+    return {name: np.median(times[1:], axis=0) for name, times in taken.items()}  # 0 warms up
 
 
-@contextmanager
-def beside(processes: int) -> Iterator[list[subprocess.Popen[bytes]]]:
-    """So many other processes compute meanwhile."""
-    others = [
-        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(processes)
-    ]
-    try:
-        yield others
-    finally:
-        for other in others:
-            other.kill()
-            other.wait()
-
-
-def learning_tables(config: RunConfig, rounds: int) -> Iterator[Table]:
-    """What the benchmark prints, for each number of other processes as soon as it is known."""
+def learning_table(config: RunConfig, rounds: int) -> Table:
+    """What the benchmark prints."""
     keep_freed_memory()
     with demonstrated(config, DEMONSTRATION) as learners:
-        for processes in BUSY:
-            with beside(processes):
-                yield _table(time_updates(learners, rounds, STEPS), processes)
-
-
-def _table(medians: dict[str, dict[int, float]], processes: int) -> Table:
-    title = f"one gradient step beside {processes} busy processes (median wall clock)"
+        medians = time_updates(learners, rounds, STEPS)
+    title = "one gradient step (median wall clock)"
     headings = [f"{count} thread{'s' * (count > 1)} [ms]" for count in COUNTS]
-    rows = []
-    for name, times in medians.items():
-        cells = [f"{1e3 * times[count]:.1f}" for count in COUNTS]
-        rows.append([name, *cells, f"{times[COUNTS[-1]] / times[COUNTS[0]]:.2f}"])
+    rows = [
+        [name, *(f"{1e3 * time:.1f}" for time in times), f"{times[-1] / times[0]:.2f}"]
+        for name, times in medians.items()
+    ]
     return terminal_table(title, ["update", *headings, "ratio"], rows)

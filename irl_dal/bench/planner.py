@@ -31,13 +31,6 @@ PARTS: dict[str, list[tuple[type, str]]] = {
 }
 """Methods that are timed."""
 
-SWEEPS: dict[str, tuple[str, tuple[int, ...], dict[str, Any]]] = {
-    "H": ("horizon", (4, 8, 16, 32), {}),
-    "T": ("diffusion_steps", (25, 50, 100, 200), {"sampler": "ddpm"}),
-    "N": ("candidates", (1, 4, 16, 64), {}),
-}
-"""Field that is varied, its values, and what else is set meanwhile."""
-
 
 def planner_tables(run: Path | None, rounds: int, contexts: int) -> Iterator[Table | str]:
     """Everything that the benchmark prints, as soon as it is known."""
@@ -51,7 +44,6 @@ def planner_tables(run: Path | None, rounds: int, contexts: int) -> Iterator[Tab
     yield f"{len(scenes)} states of one drive of the expert, {weights}, one thread"
     yield _latency_table(planners, scenes, rounds)
     yield _shares_table({name: shares(one, scenes, rounds) for name, one in planners.items()})
-    yield _growth_table(config, run, scenes[::6], rounds)
 
 
 def logged_contexts(config: RunConfig, count: int) -> list[PlanningContext]:
@@ -130,17 +122,3 @@ def _shares_table(spent: Mapping[str, Mapping[str, float]]) -> Table:
         rows.append([part, *chain.from_iterable(cells)])
     title = "where a plan spends its time (processor time)"
     return terminal_table(title, ["part", *headings], rows)
-
-
-def _growth_table(
-    config: RunConfig, run: Path | None, contexts: Sequence[PlanningContext], rounds: int
-) -> Table:
-    """Median processor time of a plan over H, T and N, each alone."""
-    columns: list[list[str]] = []
-    for key, values, extra in SWEEPS.values():
-        planners = [make_planner(config, run, **{key: value, **extra}) for value in values]
-        medians = np.median(time_plans(planners, contexts, rounds)[:, :, 1], axis=1)
-        columns += [list(map(str, values)), [f"{median:.2f}" for median in medians]]
-    headings = [text for name in SWEEPS for text in (name, "ms")]
-    title = "median processor time over H, T (DDPM) and N, each alone"
-    return terminal_table(title, headings, list(zip(*columns, strict=True)))

@@ -16,14 +16,18 @@ Watcher = Callable[[Observation, Mapping[str, Any]], None]
 
 
 def drive_episode(
-    loop: ControlLoop, agent: Agent, seed: int, watch: Watcher | None = None
+    loop: ControlLoop,
+    agent: Agent,
+    seed: int,
+    watch: Watcher | None = None,
+    options: dict[str, Any] | None = None,
 ) -> Episode:
     """Drive one episode; the same seed gives the same road, traffic, light and noise.
 
-    `watch` is called after the reset and after every step.
+    `watch` is called after the reset, which `options` are for, and after every step.
     """
     agent.reset(seed)
-    observation, info = loop.reset(seed=seed)
+    observation, info = loop.reset(seed=seed, options=options)
     recorder = EpisodeRecorder(seed, info)
     over = False
     while not over:
