@@ -1,8 +1,8 @@
 """What is written down while an agent drives: the raw material of every number and picture."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,49 +54,33 @@ class Episode:
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
-    @property
-    def steps(self) -> int:
-        """Number of control steps T."""
-        return len(self.reward)
+    @classmethod
+    def of(
+        cls,
+        seed: int,
+        infos: Sequence[Mapping[str, Any]],
+        actions: Sequence[Array],
+        rewards: Sequence[float],
+    ) -> Self:
+        """From the control loop's `info` of the reset and of each of T steps.
 
-    @property
-    def total_reward(self) -> float:
-        """Undiscounted sum of the environment reward."""
-        return float(self.reward.sum())
-
-
-class EpisodeRecorder:
-    """Collects one episode from the control loop's `info`, the reset's `first`."""
-
-    def __init__(self, seed: int, first: Mapping[str, Any]) -> None:
-        self._seed = seed
-        self._infos = [first]
-        self._actions: list[Array] = []
-        self._rewards: list[float] = []
-
-    def add(self, agent_action: Array, reward: float, info: Mapping[str, Any]) -> None:
-        """Record a step: the agent's own action (2,), normalised, and what the step returned."""
-        self._actions.append(agent_action)
-        self._rewards.append(reward)
-        self._infos.append(info)
-
-    def finish(self) -> Episode:
-        """The episode so far; a ValueError if no step was recorded."""
-        before, after, last = self._infos[:-1], self._infos[1:], self._infos[-1]
+        `actions` are the agent's own (2,), normalised. A ValueError if there is no step.
+        """
+        before, after, last = infos[:-1], infos[1:], infos[-1]
         if not after:
-            raise ValueError(f"`seed` {self._seed}: an episode needs at least one step. Got 0.")
+            raise ValueError(f"`seed` {seed}: an episode needs at least one step. Got 0.")
         certificates = [info.get("certificate") for info in after]
         spoken = [info["nominal_violations"] for info in after]
-        return Episode(
-            seed=self._seed,
+        return cls(
+            seed=seed,
             success=bool(last["success"]),
             collision=bool(last["collision"]),
             off_road=bool(last["off_road"]),
-            reward=np.array(self._rewards, np.float64),
-            pose=_stack(self._infos, "pose"),
-            speed=_stack(self._infos, "speed").reshape(-1),
+            reward=np.array(rewards, np.float64),
+            pose=_stack(infos, "pose"),
+            speed=_stack(infos, "speed").reshape(-1),
             mode=np.array([int(info["mode"]) for info in before], np.int64),
-            agent_action=np.array(self._actions, np.float64),
+            agent_action=np.array(actions, np.float64),
             expert_action=_stack(before, "expert_action"),
             previous_command=_stack(after, "previous_command"),
             nominal_command=_stack(after, "nominal_command"),
@@ -115,6 +99,16 @@ class EpisodeRecorder:
             ),
         )
 
+    @property
+    def steps(self) -> int:
+        """Number of control steps T."""
+        return len(self.reward)
 
-def _stack(infos: list[Mapping[str, Any]], key: str) -> Array:
+    @property
+    def total_reward(self) -> float:
+        """Undiscounted sum of the environment reward."""
+        return float(self.reward.sum())
+
+
+def _stack(infos: Sequence[Mapping[str, Any]], key: str) -> Array:
     return np.array([info[key] for info in infos], np.float64)

@@ -40,7 +40,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.distance import pdist
 
 from expert import Mode
@@ -174,9 +174,15 @@ def _floats(row: Row) -> Row:
     return tuple(map(float, row))
 
 
-def _broken(commands: Array, previous: Array, limits: ActuatorLimits) -> int:
-    """How many of some commands (T, 2) break a bound."""
-    return sum(map(limits.violated, commands, previous))
+def _total(values: ArrayLike) -> Row:
+    """Sum and number of values: `ratio` of such rows is the mean of all values."""
+    table = np.asarray(values, np.float64)
+    return table.sum(), table.size
+
+
+def _broken(commands: Array, previous: Array, limits: ActuatorLimits) -> list[bool]:
+    """Which of some commands (T, 2) break a bound."""
+    return list(map(limits.violated, commands, previous))
 
 
 def _change(after: Array, before: Array, limits: ActuatorLimits) -> Array:
@@ -195,13 +201,12 @@ def _source(column: int) -> _EpisodeRow:
 
 
 def _jerk(episode: Episode, limits: ActuatorLimits) -> Row:
-    jerk = np.diff(episode.speed, n=2) / limits.dt**2
-    return np.square(jerk).sum(), len(jerk)
+    return _total(np.square(np.diff(episode.speed, n=2) / limits.dt**2))
 
 
 def _steering_rate(episode: Episode, limits: ActuatorLimits) -> Row:
     change = episode.executed_command[:, 0] - episode.previous_command[:, 0]
-    return np.square(change / limits.dt).sum(), episode.steps
+    return _total(np.square(change / limits.dt))
 
 
 def _lateral_acceleration(episode: Episode, limits: ActuatorLimits) -> Row:
@@ -218,24 +223,20 @@ METRICS: dict[str, _EpisodeRow] = {
     "timeout_rate": lambda e, _: (not (e.success or e.collision or e.off_road), 1),
     "collisions_per_1k_steps": lambda e, _: (1000 * e.collision, e.steps),
     "mean_return": lambda e, _: (e.total_reward, 1),
-    "action_similarity": lambda e, _: (
-        (1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0).sum(),
-        e.steps,
+    "action_similarity": lambda e, _: _total(
+        1.0 - np.abs(e.agent_action - e.expert_action).mean(1) / 2.0
     ),
-    "command_violation_rate": lambda e, limits: (
-        _broken(e.executed_command, e.previous_command, limits),
-        e.steps,
+    "command_violation_rate": lambda e, limits: _total(
+        _broken(e.executed_command, e.previous_command, limits)
     ),
-    "nominal_violation_rate": lambda e, limits: (
-        _broken(e.nominal_command, e.previous_command, limits),
-        e.steps,
+    "nominal_violation_rate": lambda e, limits: _total(
+        _broken(e.nominal_command, e.previous_command, limits)
     ),
     **{f"nominal_violation_rate_{source}": _source(i) for i, source in enumerate(SOURCES)},
-    "intervention_rate": lambda e, _: (e.triggered.sum(), e.steps),
-    "projection_active_rate": lambda e, _: (e.projected.sum(), e.steps),
-    "correction_norm": lambda e, limits: (
-        _change(e.executed_command, e.nominal_command, limits).sum(),
-        e.steps,
+    "intervention_rate": lambda e, _: _total(e.triggered),
+    "projection_active_rate": lambda e, _: _total(e.projected),
+    "correction_norm": lambda e, limits: _total(
+        _change(e.executed_command, e.nominal_command, limits)
     ),
     "comfort_rms_jerk": _jerk,
     "comfort_max_lateral_acceleration": _lateral_acceleration,
@@ -248,16 +249,16 @@ def _plan_violations(name: str) -> _PlanRow:
     """Rows for the share of plans that break a bound anywhere, from the last command on."""
 
     def row(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-        both = ((getattr(plan, name), previous) for plan, previous in plans)
-        before = ((after, np.vstack([previous, after[:-1]])) for after, previous in both)
-        return sum(_broken(*pair, limits) > 0 for pair in before), len(plans)
+        both = [(getattr(plan, name), previous) for plan, previous in plans]
+        before = [np.vstack([previous, commands[:-1]]) for commands, previous in both]
+        pairs = zip(both, before, strict=True)
+        return _total([any(_broken(commands, last, limits)) for (commands, _), last in pairs])
 
     return row
 
 
 def _plan_correction(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
-    norms = np.array([_change(plan.actions, plan.nominal, limits) for plan, _ in plans])
-    return norms.ravel().sum(), norms.size
+    return _total([_change(plan.actions, plan.nominal, limits) for plan, _ in plans])
 
 
 def _plan_energy(name: str) -> _PlanRow:
@@ -265,8 +266,7 @@ def _plan_energy(name: str) -> _PlanRow:
 
     def row(plans: Sequence[LoggedPlan], _: ActuatorLimits) -> Row:
         values = np.array([getattr(entry.plan, name) for entry in plans], np.float64)
-        known = values[np.isfinite(values)]
-        return known.sum(), len(known)
+        return _total(values[np.isfinite(values)])
 
     return row
 
@@ -284,14 +284,8 @@ def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
 
 
 PLAN_METRICS: dict[str, _PlanRow] = {
-    "plan_projection_rate": lambda plans, _: (
-        sum(entry.plan.status != Status.NOMINAL for entry in plans),
-        len(plans),
-    ),
-    "plan_fallback_rate": lambda plans, _: (
-        sum(entry.plan.is_fallback for entry in plans),
-        len(plans),
-    ),
+    "plan_projection_rate": lambda plans, _: _total([p.status != Status.NOMINAL for p, _ in plans]),
+    "plan_fallback_rate": lambda plans, _: _total([plan.is_fallback for plan, _ in plans]),
     "plan_nominal_violation_rate": _plan_violations("nominal"),
     "plan_violation_rate": _plan_violations("actions"),
     "plan_correction_norm": _plan_correction,

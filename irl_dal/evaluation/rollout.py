@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from irl_dal.evaluation.agents import Agent, ExpertAgent
-from irl_dal.evaluation.episode import Episode, EpisodeRecorder
+from irl_dal.evaluation.episode import Episode
 from irl_dal.loop import ControlLoop, Observation, Supervision
 
 Array = NDArray[np.float64]
@@ -28,18 +28,19 @@ def drive_episode(
     """
     agent.reset(seed)
     observation, info = loop.reset(seed=seed, options=options)
-    recorder = EpisodeRecorder(seed, info)
-    over = False
+    infos, actions, rewards, over = [info], [], [], False
     while not over:
         if watch is not None:
             watch(observation, info)
         action = agent.act(observation, info)
         observation, reward, terminated, truncated, info = agent.drive(loop, action)
-        recorder.add(action, float(reward), info)
+        actions.append(action)
+        rewards.append(float(reward))
+        infos.append(info)
         over = terminated or truncated
     if watch is not None:
         watch(observation, info)
-    return recorder.finish()
+    return Episode.of(seed, infos, actions, rewards)
 
 
 def drive_expert(

@@ -23,10 +23,14 @@ class Estimate:
     low: float | None = None
     high: float | None = None
 
+    @property
+    def bounds(self) -> list[float] | None:
+        """Both ends of the interval."""
+        return None if self.low is None or self.high is None else [self.low, self.high]
+
     def entries(self, name: str) -> dict[str, float | list[float] | None]:
         """`name` and `<name>_ci95` of a flat report."""
-        bounds = None if self.low is None or self.high is None else [self.low, self.high]
-        return {name: self.value, f"{name}_ci95": bounds}
+        return {name: self.value, f"{name}_ci95": self.bounds}
 
 
 def ratio(rows: Array) -> Array:

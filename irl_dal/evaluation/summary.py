@@ -1,12 +1,12 @@
 """The table that an evaluation prints."""
 
 from collections.abc import Mapping
+from typing import Any, cast
 
-from rich.box import SIMPLE_HEAD
 from rich.table import Table
 
 from irl_dal.evaluation.metrics import Value
-from irl_dal.figures.table import Column
+from irl_dal.figures.table import Column, terminal_table
 
 _ROWS = (
     Column("success", "success", "%", 1),
@@ -43,15 +43,11 @@ _ROWS = (
 
 def evaluation_table(report: Mapping[str, Value], title: str) -> Table:
     """The table of an evaluation's flat report."""
-    table = Table(title=title, title_justify="left", box=SIMPLE_HEAD, pad_edge=False)
-    table.add_column("metric", no_wrap=True)
-    for name in ("value", "95 % interval"):
-        table.add_column(name, justify="right", no_wrap=True)
-    table.add_column("unit", no_wrap=True)
+    rows = []
     for column in _ROWS:
-        bounds = report.get(f"{column.key}_ci95")
-        interval = column.interval(bounds if isinstance(bounds, list) else None, " … ")
-        table.add_row(column.title, column.text(report.get(column.key)), interval, column.unit)
+        interval = column.interval(cast(Any, report.get(f"{column.key}_ci95")), " … ")
+        rows.append([column.heading, column.text(report.get(column.key)), interval])
+    table = terminal_table(title, ["", "value", "95 % interval"], rows)
     table.caption = (
         f"{report['episodes']} episodes, {report['steps']} steps; "
         f"processes at a time: {report['latency_processes']}, threads: {report['latency_threads']}"

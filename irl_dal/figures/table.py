@@ -1,7 +1,7 @@
 """Tables of numbers: how a number is written, and the table that a terminal and a page show."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from rich.box import SIMPLE_HEAD
@@ -24,12 +24,12 @@ class Column:
     @property
     def heading(self) -> str:
         """Title and unit."""
-        return self._with_unit(self.title)
+        return f"{self.title} [{self.unit}]" if self.unit else self.title
 
     @property
     def short_heading(self) -> str:
         """Short title and unit."""
-        return self._with_unit(self.short or self.title)
+        return replace(self, title=self.short or self.title).heading
 
     @property
     def scale(self) -> float:
@@ -46,18 +46,13 @@ class Column:
             return ""
         return between.join(self.text(bound) for bound in bounds)
 
-    def _with_unit(self, title: str) -> str:
-        return f"{title} [{self.unit}]" if self.unit else title
-
 
 @dataclass(frozen=True, slots=True)
 class Cell:
     """A number as it is shown."""
 
     text: str
-    below: tuple[
-        str, ...
-    ] = ()  # smaller numbers, one per label in the table's `below`, "" for none
+    below: tuple[str, ...] = ()  # smaller numbers, one per label of the table's `below`, or ""
     hint: str = ""  # shown on a page when the pointer rests on it
     mark: str = ""  # `zero` or `hot` colours it on a page
 

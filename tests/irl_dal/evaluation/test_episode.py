@@ -1,25 +1,25 @@
 import numpy as np
 import pytest
 
-from irl_dal.evaluation.episode import EpisodeRecorder
+from irl_dal.evaluation.episode import Episode
 from irl_dal.loop import SOURCES
 from tests.irl_dal.evaluation.small import small_rig, written_episode
 
 
-def test_recorder_keeps_what_the_loop_says() -> None:
+def test_an_episode_keeps_what_the_loop_says() -> None:
     """Every array holds one entry per step, positions one more, taken from the right moment."""
     rig = small_rig("random")
     try:
         _, first = rig.loop.reset(seed=3)
-        recorder, infos = EpisodeRecorder(3, first), []
-        for action in np.linspace(-0.4, 0.4, 10).reshape(5, 2):
+        actions, rewards, infos = np.linspace(-0.4, 0.4, 10).reshape(5, 2), [], []
+        for action in actions:
             _, reward, _, _, after = rig.loop.step(action)
             after["mode"] = len(infos) % 4
-            recorder.add(action, reward, after)
+            rewards.append(reward)
             infos.append(after)
     finally:
         rig.close()
-    episode = recorder.finish()
+    episode = Episode.of(3, [first, *infos], actions, rewards)
     assert episode.steps == 5
     np.testing.assert_array_equal(episode.pose[0], first["pose"])
     np.testing.assert_array_equal(episode.pose[-1], infos[-1]["pose"])
@@ -45,4 +45,4 @@ def test_arrays_are_read_only() -> None:
 def test_an_empty_episode_is_refused() -> None:
     """There is no episode without a step."""
     with pytest.raises(ValueError, match="at least one step"):
-        EpisodeRecorder(1, {}).finish()
+        Episode.of(1, [{}], [], [])
