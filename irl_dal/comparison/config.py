@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
@@ -10,6 +11,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from irl_dal.config import ConfigError, RunConfig, first_line
 from irl_dal.planner import ProjectionMode
+from shield.errors import check_within
 
 Activation = Literal["trigger", "always", "alone"]
 """The planner plans on the trigger, always, or always and drives without the policy: then what is
@@ -31,12 +33,9 @@ class ComparisonConfig:
     n_jobs: int = 2  # processes that drive at the same time
 
     def __post_init__(self) -> None:
-        for name in ("episodes", "n_jobs", "candidates"):
-            if getattr(self, name) < 1:
-                raise ValueError(f"`{name}` must be at least 1. Got {getattr(self, name)}.")
-        for name in ("first_seed", "film_duration"):
-            if not 0 <= getattr(self, name) < float("inf"):
-                raise ValueError(f"`{name}` must not be negative. Got {getattr(self, name)}.")
+        for name in ("episodes", "n_jobs", "candidates", "first_seed", "film_duration"):
+            lowest = int(name not in ("first_seed", "film_duration"))
+            check_within(ValueError, lowest, math.inf, **{name: getattr(self, name)})
         for name in ("projections", "activations"):
             values = getattr(self, name)
             if not values or len(set(values)) < len(values):

@@ -13,9 +13,9 @@ from irl_dal.config import RunConfig
 from irl_dal.evaluation.metrics import episode_record, path_rows
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import compare_paths, stretches
+from irl_dal.evaluation.suite import PATH_DURATION
 from irl_dal.storage.result_store import ResultStore
 
-PATH_DURATION = 5.0  # [s] of the paths behind ADE and FDE, as in an evaluation
 PATH_STATES = 1  # states per episode from which these paths start
 
 

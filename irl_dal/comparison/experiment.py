@@ -18,16 +18,11 @@ from rich.console import Console
 
 from irl_dal.cli.overrides import require_writable
 from irl_dal.comparison.config import all_settings, planning_settings
-from irl_dal.comparison.drive import (
-    PATH_DURATION,
-    PATH_STATES,
-    ComparisonJob,
-    drive_setting,
-    setting_rig,
-)
+from irl_dal.comparison.drive import PATH_STATES, ComparisonJob, drive_setting, setting_rig
 from irl_dal.comparison.planning import STATES, plan_in_states
 from irl_dal.comparison.summary import summarise
 from irl_dal.config import ConfigError, to_mapping
+from irl_dal.evaluation.suite import PATH_DURATION
 from irl_dal.evaluation.workers import in_parts, progress_bar
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore, result_key

@@ -15,7 +15,6 @@ from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.metrics import plan_rows
 from irl_dal.evaluation.rig import Rig
 from irl_dal.evaluation.rollout import drive_episode
-from irl_dal.loop import Observation
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext, Refinement
 from irl_dal.planner.projection import defect
 from irl_dal.storage.checkpoint import CheckpointStore
@@ -49,9 +48,8 @@ def plan_in_states(
     with setting_rig(job, settings[0]) as rig:
         for seed in seeds:
             expert, contexts = risky_contexts(rig, seed)
-            steps = sorted(contexts)
-            places = np.linspace(0, len(steps) - 1, min(STATES, len(steps))).astype(int)
-            chosen = [contexts[steps[place]] for place in places]
+            places = np.linspace(0, len(contexts) - 1, min(STATES, len(contexts))).astype(int)
+            chosen = [contexts[place] for place in places]
             for setting, planner in planners.items():
                 log = plan_log(planner, chosen, seed)
                 rows = plan_rows(log, job.config.limits, "state_") if chosen else {}
@@ -60,21 +58,12 @@ def plan_in_states(
     return len(seeds)
 
 
-def risky_contexts(rig: Rig, seed: int) -> tuple[Episode, dict[int, PlanningContext]]:
-    """The expert's episode, and the contexts of its risky states by step."""
-    contexts: dict[int, PlanningContext] = {}
-    step = 0
-
-    def watch(_observation: Observation, info: Mapping[str, Any]) -> None:
-        nonlocal step
-        if info["risk"].risky:
-            contexts[step] = info["context"]
-        step += 1
-
+def risky_contexts(rig: Rig, seed: int) -> tuple[Episode, list[PlanningContext]]:
+    """The expert's episode, and the contexts of its risky states in their order."""
+    infos: list[Mapping[str, Any]] = []
     with rig.loop.under(rig.reference):
-        episode = drive_episode(rig.loop, ExpertAgent(), seed, watch)
-    contexts.pop(episode.steps, None)
-    return episode, contexts
+        episode = drive_episode(rig.loop, ExpertAgent(), seed, lambda _, info: infos.append(info))
+    return episode, [info["context"] for info in infos[:-1] if info["risk"].risky]
 
 
 def plan_log(
@@ -120,8 +109,7 @@ def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, Pla
     with setting_rig(job, setting) as rig:
         for seed in job.comparison.seeds[:3]:
             _, contexts = risky_contexts(rig, seed)
-            places = sorted(contexts)[:: max(1, len(contexts) // 8)]
-            for context in (contexts[place] for place in places):
+            for context in contexts[:: max(1, len(contexts) // 8)]:
                 planner.generator.manual_seed(seed)
                 plan = planner.plan(context)
                 worst = defect(plan.candidates, context.previous, planner.limits)

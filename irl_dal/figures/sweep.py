@@ -11,10 +11,11 @@ from matplotlib.ticker import EngFormatter, PercentFormatter
 from numpy.typing import NDArray
 
 from irl_dal.envs import CityConfig, CityEnv
-from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH, Road
+from irl_dal.envs.road import Road
 from irl_dal.figures.document import FigureWithCaption, render_page
 from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
 from irl_dal.figures.table import Cell, NumberTable
+from irl_dal.figures.top_view import LINES, SPACING
 from irl_dal.storage.atomic import write_text
 from irl_dal.sweep.across_runs import band
 from irl_dal.sweep.collection import Collection
@@ -137,8 +138,8 @@ def _draw_scores(collection: Collection, estimates: Estimates) -> Figure:
                 height = np.full(len(dots), float(place))
                 one.plot(dots, height, ".", color=colour, alpha=0.45, markersize=5.0)
                 found = estimates[variant][column.key]
-                if found.low is not None and found.high is not None:
-                    ends = [column.scale * found.low, column.scale * found.high]
+                if bounds := found.bounds:
+                    ends = [column.scale * bound for bound in bounds]
                     one.plot(ends, [place, place], color=colour, linewidth=4.0, alpha=0.35)
                 if found.value is not None:
                     one.plot(column.scale * found.value, place, "D", color=colour, markersize=5.5)
@@ -180,16 +181,10 @@ def _smoothed(values: Array, width: int = 5) -> Array:
 
 def _road(axes: Axes, road: Road) -> Array:
     """Draw the road's lines; gives the place of its sharpest bend (2,) [m]."""
-    lines: Sequence[tuple[float, str, float, object]] = (
-        (-HALF_WIDTH, GREY, 1.2, "-"),
-        (HALF_WIDTH, GREY, 1.2, "-"),
-        (0.0, PALETTE["centre"], 1.4, "-"),
-        (-LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
-        (LANE_WIDTH, GREY, 0.8, (0, (6, 6))),
-    )
-    for offset, colour, width, style in lines:
-        points = road.line(float(road.s[0]), float(road.s[-1]), offset, 1.0)
-        axes.plot(*points.T, color=colour, linewidth=width, linestyle=style)
+    for offset, (line, width, style) in LINES.items():
+        points = road.line(float(road.s[0]), float(road.s[-1]), offset, SPACING)
+        colour = GREY if line == "edge" else PALETTE[line]  # white edges cannot be seen here
+        axes.plot(*points.T, color=colour, linewidth=0.75 * width, linestyle=style)
     inside = (road.s > 40.0) & (road.s < road.length - 40.0)
     sharpest = int(np.argmax(np.abs(road.curvature) * inside))
     return np.asarray(road.points[sharpest])

@@ -117,10 +117,8 @@ def markdown_summary(collection: Collection, estimates: Estimates) -> str:
         cells = []
         for column in columns:
             one = estimates[variant][column.key]
-            spread = ""
-            if one.low is not None and one.high is not None:
-                spread = f" ± {column.text((one.high - one.low) / 2.0)}"
-            cells.append(Cell(column.text(one.value) + spread))
+            half = f" ± {column.text(np.ptp(one.bounds) / 2.0)}" if one.bounds else ""
+            cells.append(Cell(column.text(one.value) + half))
         rows.append((label(variant), "", cells))
     return NumberTable("", [column.heading for column in columns], rows).markdown()
 

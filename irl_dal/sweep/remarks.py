@@ -96,7 +96,7 @@ def _order(estimates: Estimates, key: str, words: str, sign: float) -> str:
 
 def _apart(one: Estimate, two: Estimate) -> str:
     """Whether the intervals of two variants tell them apart."""
-    if one.low is None or one.high is None or two.low is None or two.high is None:
+    if one.bounds is None or two.bounds is None:
         return "too few runs to tell"
-    overlap = one.low <= two.high and two.low <= one.high
+    overlap = one.bounds[0] <= two.bounds[1] and two.bounds[0] <= one.bounds[1]
     return f"their intervals {'overlap' if overlap else 'do not overlap'}"

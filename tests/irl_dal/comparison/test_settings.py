@@ -50,13 +50,13 @@ def test_alone_the_planner_has_all_the_weight() -> None:
 @pytest.mark.parametrize(
     ("values", "words"),
     [
-        ({"episodes": 0}, "`episodes` must be at least 1. Got 0"),
+        ({"episodes": 0}, "`episodes` must be finite and at least 1. Got 0"),
         ({"episodes": "many"}, "episodes = 'many'"),
         ({"projections": ["none", "always"]}, r"projections\.1 = 'always': .*'adaptive'"),
         ({"projections": ["x0", "xt"]}, "`projections` must hold none"),
         ({"projections": ["none", "x0", "x0"]}, "`projections` must name each choice once"),
         ({"activations": ["never"]}, r"activations\.0 = 'never': .*'alone'"),
-        ({"first_seed": -1}, "`first_seed` must not be negative"),
+        ({"first_seed": -1}, "`first_seed` must be finite and at least 0. Got -1"),
     ],
 )
 def test_nonsense_is_refused(values: dict[str, object], words: str) -> None:
