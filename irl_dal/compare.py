@@ -12,7 +12,7 @@ from dataclasses import fields
 from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.cli.command import new_console, run_command
-from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument, require_same
+from irl_dal.cli.overrides import apply_overrides, explicit_overrides, path_argument
 from irl_dal.comparison.config import ComparisonConfig, parse_comparison
 from irl_dal.comparison.drive import ComparisonJob
 from irl_dal.comparison.experiment import compare
@@ -24,8 +24,6 @@ from irl_dal.storage.run_folder import open_run
 
 EXTENT_KEYS = frozenset(entry.name for entry in fields(ComparisonConfig))
 """Keys of the comparison's extent."""
-
-FIXED_KEYS = frozenset({"seed", "variant", "preset"})  # keys that a trained run has settled
 
 COMPARED_KEYS = frozenset({"shield", "shield.enabled"}) | frozenset(
     f"planner.{name}" for name in ("enabled", "activation", "projection", "candidates")
@@ -63,15 +61,11 @@ def _job(composed: DictConfig) -> ComparisonJob:
     folder = open_run("run", run)
     if not folder.config.planner.enabled:
         raise ConfigError(f"run = {str(run)!r}: was trained without a planner")
-    settled = []
-    for key, value in explicit_overrides(composed, EXTENT_KEYS | {"run", "out"}):
+    values = list(explicit_overrides(composed, EXTENT_KEYS | {"run", "out"}))
+    for key, value in values:
         if key in COMPARED_KEYS:
             raise ConfigError(f"{key} = {value!r}: this is what the comparison varies")
-        if key in FIXED_KEYS:
-            require_same(key, value, folder.config, f"settled by the training of {folder.path}")
-        else:
-            settled.append((key, value))
-    config = apply_overrides(folder.config, settled)
+    config = apply_overrides(folder.config, values, folder.path)
     return ComparisonJob(config, folder.path, comparison, out or folder.path / "comparison")
 
 

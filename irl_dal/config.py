@@ -29,8 +29,6 @@ from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
 from shield import ActuatorLimits, BarrierConfig, TriggerConfig
 
-__all__ = ["ConfigError", "RunConfig", "ShieldConfig", "config_hash", "parse", "to_mapping"]
-
 
 class ConfigError(ValueError):
     """A configuration or an argument is unusable; the message is one line naming key and value."""

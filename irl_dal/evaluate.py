@@ -18,7 +18,6 @@ from irl_dal.cli.overrides import (
     apply_overrides,
     explicit_overrides,
     path_argument,
-    require_same,
     require_writable,
 )
 from irl_dal.config import ConfigError, RunConfig, parse
@@ -30,8 +29,6 @@ from irl_dal.storage.run_folder import open_run
 
 OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out"})
 """Keys of this command beside the configuration's."""
-
-FIXED_KEYS = frozenset({"seed", "variant", "preset"})  # keys that a trained run has settled
 
 
 def main() -> None:
@@ -72,12 +69,8 @@ def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
         return config, AgentSpec(policy)
     assert run is not None
     folder = open_run("run", run)
-    values = list(explicit_overrides(composed, OWN_KEYS))
-    for key, value in values:
-        if key in FIXED_KEYS:
-            require_same(key, value, folder.config, f"settled by the training of {folder.path}")
-    values = [(key, value) for key, value in values if key not in FIXED_KEYS]
-    theirs = apply_overrides(replace(folder.config, evaluation=config.evaluation), values)
+    theirs = replace(folder.config, evaluation=config.evaluation)
+    theirs = apply_overrides(theirs, explicit_overrides(composed, OWN_KEYS), folder.path)
     return theirs, AgentSpec("run", folder.path)
 
 

@@ -28,8 +28,6 @@ from irl_dal.shortcuts import keep_freed_memory
 from irl_dal.storage.checkpoint import run_lock
 from irl_dal.storage.run_folder import RunFolder, create_run, default_run_dir, open_run, provenance
 
-__all__ = ["main"]
-
 OWN_KEYS = ("run_dir", "resume")  # of this command beside the configuration's
 
 

@@ -19,8 +19,6 @@ from irl_dal.cli.overrides import as_argument, is_readable
 from irl_dal.config import ConfigError, did_you_mean, is_known, register
 from irl_dal.storage.checkpoint import CheckpointError
 
-__all__ = ["CONFIG_FOLDER", "new_console", "one_line_errors", "run_command"]
-
 _PACKAGE = Path(__file__).resolve().parents[1]
 # Hydra's groups: inside the package in a wheel, beside it in a clone. An absolute path, because
 # `configs` may be another package's name where the command is called from.

@@ -15,15 +15,7 @@ from omegaconf import DictConfig, OmegaConf
 
 from irl_dal.config import ConfigError, RunConfig, parse, to_mapping
 
-__all__ = [
-    "apply_overrides",
-    "as_argument",
-    "explicit_overrides",
-    "is_readable",
-    "path_argument",
-    "require_same",
-    "require_writable",
-]
+SETTLED = ("seed", "variant", "preset")  # keys that the training of a run has settled
 
 
 def explicit_overrides(composed: DictConfig, own: Iterable[str]) -> Iterator[tuple[str, Any]]:
@@ -35,10 +27,16 @@ def explicit_overrides(composed: DictConfig, own: Iterable[str]) -> Iterator[tup
             yield key, OmegaConf.select(resolved, key)
 
 
-def apply_overrides(config: RunConfig, values: Iterable[tuple[str, Any]]) -> RunConfig:
-    """A run's configuration with some values replaced; raises as `parse`."""
+def apply_overrides(config: RunConfig, values: Iterable[tuple[str, Any]], run: Path) -> RunConfig:
+    """A trained run's configuration with some values replaced.
+
+    Raises:
+        ConfigError: As `parse`, or a value differs that the training of `run` has settled.
+    """
     mapping = OmegaConf.create(to_mapping(config))
     for key, value in values:
+        if key in SETTLED:
+            require_same(key, value, config, f"settled by the training of {run}")
         OmegaConf.update(mapping, key, value, merge=False, force_add=True)
     return parse(mapping)
 

@@ -11,8 +11,6 @@ from functools import partial
 import torch
 from threadpoolctl import threadpool_limits
 
-__all__ = ["GRADIENT_THREADS", "one_thread", "stay_on_one_thread", "threads"]
-
 # Threads of a gradient step: as OMP_NUM_THREADS or the machine's cores say, two at most.
 GRADIENT_THREADS = min(2, torch.get_num_threads())
 

@@ -12,8 +12,6 @@ from irl_dal.learning.reinforcement.hybrid_reward import HybridRewardConfig
 from irl_dal.learning.reinforcement.ppo import PPOConfig
 from shield.errors import check_within
 
-__all__ = ["LearningConfig"]
-
 Sampling = Literal["balanced", "uniform"]
 
 

@@ -38,8 +38,6 @@ from torch.utils.tensorboard import SummaryWriter
 from irl_dal.learning.collection.recorder import Counts, Recorder
 from irl_dal.storage.atomic import write_text
 
-__all__ = ["MetricsCsv", "ProgressBar", "RunLog", "metrics_logger", "read_metrics"]
-
 STEP = "step"  # first column of the metrics
 LINE = 4  # rows of metrics to a line where there is no terminal
 OTHER = "other"  # part of a run's time that no other part claims

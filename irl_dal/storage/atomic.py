@@ -6,8 +6,6 @@ from collections.abc import Mapping
 from pathlib import Path
 from uuid import uuid4
 
-__all__ = ["write_json", "write_text"]
-
 
 def write_json(path: Path, content: Mapping[str, object]) -> None:
     """`write_text` of JSON; raises ValueError if a number is not finite."""

@@ -27,8 +27,6 @@ from safetensors import SafetensorError
 from safetensors.numpy import load as load_arrays
 from safetensors.numpy import save as save_arrays
 
-__all__ = ["MISFITS", "Checkpoint", "CheckpointError", "CheckpointStore", "run_lock"]
-
 FORMAT_VERSION = 2  # raised whenever a checkpoint of the previous code could be misread
 
 # What torch, numpy and dictionaries raise when a state is loaded into something else.

@@ -30,8 +30,6 @@ import irl_dal
 import shield
 from irl_dal.storage.atomic import write_text
 
-__all__ = ["ResultStore", "code_fingerprint", "fingerprint", "result_key"]
-
 RESULT_FORMAT = 1  # raised whenever this version could misread the files of an older one
 
 # Parts of `irl_dal` that no drive depends on. New parts count until they are named here.

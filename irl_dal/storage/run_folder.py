@@ -5,7 +5,7 @@ import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -18,8 +18,6 @@ from irl_dal.cli.threads import GRADIENT_THREADS
 from irl_dal.config import GROUPS, ConfigError, RunConfig, config_hash, parse, to_mapping
 from irl_dal.shortcuts import in_use
 from irl_dal.storage.atomic import write_json
-
-__all__ = ["RUN_FORMAT", "RunFolder", "create_run", "default_run_dir", "open_run", "provenance"]
 
 RUN_FORMAT = 2  # raised whenever this version could misread the run folder of an older one
 
@@ -110,10 +108,10 @@ def open_run(key: str, path: Path) -> RunFolder:
             raise ConfigError(f"{where}: the folder is empty")
     except OSError as error:
         raise ConfigError(f"{where}: cannot be read ({error.strerror})") from None
-    found = _read(path / "run.json", json.loads, where).get("format")
+    found = read_mapping(path / "run.json", where).get("format")
     if found != RUN_FORMAT:
         raise ConfigError(f"{where}: run format {found!r}, this version reads {RUN_FORMAT}")
-    mapping = _read(path / "config.yaml", yaml.safe_load, where)
+    mapping = read_mapping(path / "config.yaml", where, yaml.safe_load)
     try:
         if missing := [group for group in GROUPS if group not in mapping]:
             raise ConfigError(f"{', '.join(missing)}: missing")
@@ -131,7 +129,12 @@ def provenance(config: RunConfig) -> dict[str, str]:
     return {"config_hash": config_hash(config), "commit": _commit(), "version": installed}
 
 
-def _read(path: Path, load: Any, where: str) -> dict[str, Any]:
+def read_mapping(path: Path, where: str, load: Callable[[str], Any] = json.loads) -> dict[str, Any]:
+    """Read a file that holds a mapping, JSON or as `load` reads it.
+
+    Raises:
+        ConfigError: It is missing, cannot be read or is damaged; `where` comes first.
+    """
     try:
         content = load(path.read_text(encoding="utf-8"))
     except FileNotFoundError:

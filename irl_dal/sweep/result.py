@@ -1,6 +1,5 @@
 """What one finished run contributes to a report: a small JSON file that needs no checkpoint."""
 
-import json
 import math
 from collections.abc import Mapping
 from contextlib import closing
@@ -17,7 +16,7 @@ from irl_dal.config import ConfigError, first_line
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.atomic import write_json
-from irl_dal.storage.run_folder import RunFolder
+from irl_dal.storage.run_folder import RunFolder, read_mapping
 
 FORMAT = 1  # raised whenever this version could misread the files of an older one
 
@@ -91,7 +90,9 @@ def summarise_run(folder: RunFolder) -> RunResult | None:
     """
     if not folder.evaluation.is_file():
         return None
-    evaluation, started = _read(folder.evaluation), _read(folder.path / "run.json")
+    where = str(folder.path)
+    evaluation = read_mapping(folder.evaluation, where)
+    started = read_mapping(folder.path / "run.json", where)
     damaged = folder.metrics
     try:
         rows = read_metrics(folder.metrics)
@@ -134,7 +135,7 @@ def read_result(path: Path) -> RunResult:
     Raises:
         ConfigError: The file is damaged or of another version.
     """
-    content = _read(path)
+    content = read_mapping(path, str(path.parent))
     version = content.pop("format", None)
     if version != FORMAT:
         raise ConfigError(f"{path}: result format {version!r}, this version reads {FORMAT}")
@@ -145,18 +146,6 @@ def read_result(path: Path) -> RunResult:
     if any(len(column) != len(result.steps) for column in result.curves.values()):
         raise ConfigError(f"{path}: is damaged")
     return result
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ConfigError(f"{path}: {error.strerror}") from None
-    except ValueError:
-        content = None
-    if not isinstance(content, dict):
-        raise ConfigError(f"{path}: is damaged")
-    return content
 
 
 def _number(text: str | None) -> float | None:
