@@ -15,11 +15,10 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.evaluation.statistics import Array
 from irl_dal.evaluation.workers import Workers
 from irl_dal.figures.table import terminal_table
 from irl_dal.loop import SOURCES, Observation
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

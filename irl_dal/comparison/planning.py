@@ -15,12 +15,11 @@ from irl_dal.evaluation.episode import Episode, LoggedPlan
 from irl_dal.evaluation.metrics import plan_rows
 from irl_dal.evaluation.rig import Rig
 from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.evaluation.statistics import Array
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext, Refinement
 from irl_dal.planner.projection import defect
 from irl_dal.storage.checkpoint import CheckpointStore
 from irl_dal.storage.result_store import ResultStore
-
-Array = NDArray[np.float64]
 
 STATES = 10  # risky states per episode in which every setting plans
 

@@ -6,12 +6,10 @@ from typing import Any
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from irl_dal.evaluation.statistics import Array
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, mean_action
 from irl_dal.loop import ControlLoop, Observation
-
-Array = NDArray[np.float64]
 
 StepResult = tuple[Observation, float, bool, bool, dict[str, Any]]
 

@@ -7,10 +7,9 @@ from typing import Any, NamedTuple, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.evaluation.statistics import Array
 from irl_dal.loop import SOURCES
 from irl_dal.planner import Plan
-
-Array = NDArray[np.float64]
 
 SILENT = -1  # in `Episode.nominal_violations` for a source that proposed nothing on that step
 

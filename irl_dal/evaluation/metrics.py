@@ -40,18 +40,16 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.distance import pdist
 
 from expert import Mode
 from irl_dal.evaluation import statistics
 from irl_dal.evaluation.episode import Episode, LoggedPlan
-from irl_dal.evaluation.statistics import Estimate, Statistic, estimate, ratio
+from irl_dal.evaluation.statistics import Array, Estimate, Statistic, estimate, ratio
 from irl_dal.loop import SOURCES
 from irl_dal.planner.rollout import ego_rollout
 from shield import ActuatorLimits, Status
-
-Array = NDArray[np.float64]
 
 Value = float | int | str | list[float] | list[int] | list[bool] | None
 """An entry of the flat report."""

@@ -11,7 +11,8 @@ from irl_dal.config import RunConfig
 from irl_dal.evaluation.agents import Agent, ExpertAgent, PolicyAgent, RandomAgent
 from irl_dal.evaluation.episode import Episode
 from irl_dal.evaluation.metrics import cloning_row, episode_record
-from irl_dal.evaluation.rollout import Array, compare_paths, drive_episode, drive_expert
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert
+from irl_dal.evaluation.statistics import Array
 from irl_dal.loop import ControlLoop, Supervision
 
 PolicyName = Literal["run", "expert", "random"]

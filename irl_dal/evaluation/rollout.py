@@ -4,13 +4,11 @@ from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from irl_dal.evaluation.agents import Agent, ExpertAgent
 from irl_dal.evaluation.episode import Episode
+from irl_dal.evaluation.statistics import Array
 from irl_dal.loop import ControlLoop, Observation, Supervision
-
-Array = NDArray[np.float64]
 
 Watcher = Callable[[Observation, Mapping[str, Any]], None]
 

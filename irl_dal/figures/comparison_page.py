@@ -26,7 +26,7 @@ from irl_dal.envs.road import LANE_WIDTH
 from irl_dal.evaluation.episode import Episode
 from irl_dal.figures.comparison_film import film_pair, record_drive
 from irl_dal.figures.document import FigureWithCaption, render_page, write_pictures
-from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, drawing
+from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, Array, drawing
 from irl_dal.figures.table import Cell, Column, NumberTable
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
@@ -151,8 +151,6 @@ def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
         ]
     return figures
 
-
-Array = NDArray[np.float64]
 
 SHOWN = [  # numbers that get a panel
     *("command_violation_rate", "success", "collisions_per_1k_steps"),

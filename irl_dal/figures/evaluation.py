@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -11,42 +10,30 @@ from matplotlib.ticker import EngFormatter, PercentFormatter
 from irl_dal.figures.style import GREY, PALETTE, drawing, picture
 from irl_dal.learning.run_log import read_metrics
 
-
-class _Panel(NamedTuple):
-    """A figure: its file, title, unit, and lines as (column, legend, key of the palette)."""
-
-    name: str
-    title: str
-    unit: str
-    curves: tuple[tuple[str, str, str], ...]
-
-
-_PANELS = (
-    _Panel(
-        "reward",
+# Name: title, unit, and lines as column: (legend, key of the palette)
+_PANELS: dict[str, tuple[str, str, dict[str, tuple[str, str]]]] = {
+    "reward": (
         "Environment reward per episode",
         "return, last 20 episodes",
-        (("rollout/episode_return", "episode return", "ego"),),
+        {"rollout/episode_return": ("episode return", "ego")},
     ),
-    _Panel(
-        "bc_loss",
+    "bc_loss": (
         "Behaviour cloning loss",
         "mean squared error",
-        (
-            ("bc/train_loss", "training batches", "muted"),
-            ("bc/loss", "held-out episodes, modes balanced", "ego"),
-        ),
+        {
+            "bc/train_loss": ("training batches", "muted"),
+            "bc/loss": ("held-out episodes, modes balanced", "ego"),
+        },
     ),
-    _Panel(
-        "interventions",
+    "interventions": (
         "Interventions",
         "share of steps",
-        (
-            ("rollout/shield_rate", "command changed by the shield", "muted"),
-            ("rollout/intervention_rate", "planner triggered", "plan"),
-        ),
+        {
+            "rollout/shield_rate": ("command changed by the shield", "muted"),
+            "rollout/intervention_rate": ("planner triggered", "plan"),
+        },
     ),
-)
+}
 
 
 def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
@@ -56,7 +43,7 @@ def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
     """
     rows = read_metrics(metrics)
     folder.mkdir(parents=True, exist_ok=True)
-    groups = {panel.name: (panel,) for panel in _PANELS} | {"training": _PANELS}
+    groups = {name: [name] for name in _PANELS} | {"training": list(_PANELS)}
     for name, panels in groups.items():
         with drawing(6.4, 0.8 + 2.7 * len(panels)) as figure:
             axes = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
@@ -67,25 +54,26 @@ def draw_training(metrics: Path, folder: Path, boundary: int) -> list[Path]:
     return [folder / f"{name}.png" for name in groups]
 
 
-def _draw(axes: Axes, panel: _Panel, rows: Sequence[Mapping[str, str]], boundary: int) -> None:
+def _draw(axes: Axes, panel: str, rows: Sequence[Mapping[str, str]], boundary: int) -> None:
+    title, unit, curves = _PANELS[panel]
     highest = 0.0
-    for column, label, colour in panel.curves:
+    for column, (label, colour) in curves.items():
         known = [(row["step"], row[column]) for row in rows if row.get(column)]
         table = np.array(known, np.float64).reshape(-1, 2)
         steps, values = table[np.isfinite(table[:, 1])].T
         highest = max([highest, *values])
         marker = "o" if len(steps) < 3 else None
         axes.plot(steps, values, color=PALETTE[colour], label=label, linewidth=1.8, marker=marker)
-    axes.set_title(panel.title, pad=16)
+    axes.set_title(title, pad=16)
     axes.set_xlim(left=0.0, right=float(rows[-1]["step"]) if rows else None)
-    axes.set_ylabel(panel.unit)
+    axes.set_ylabel(unit)
     axes.xaxis.set_major_formatter(EngFormatter(sep=""))
-    if panel.name == "bc_loss" and highest > 0.0:
+    if panel == "bc_loss" and highest > 0.0:
         axes.set_yscale("log")
-    if panel.name == "interventions":
+    if panel == "interventions":
         axes.set_ylim(bottom=0.0)
         axes.yaxis.set_major_formatter(PercentFormatter(1.0, decimals=None))
-    if len(panel.curves) > 1:
+    if len(curves) > 1:
         axes.legend()
     axes.axvline(boundary, color=GREY, linewidth=1.0, linestyle="--")
     for name, side, shift in (("imitation", "right", -4), ("mixed", "left", 4)):

@@ -19,10 +19,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from expert import Mode
-from irl_dal.figures.style import PALETTE
+from irl_dal.figures.style import PALETTE, Array
 from shield import ActuatorLimits
-
-Array = NDArray[np.float64]
 
 DPI = 100  # of a frame [1/in]
 CHASE_SHAPE = (360, 640)  # height and width of the chase view [px]

@@ -8,12 +8,11 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import EngFormatter, PercentFormatter
-from numpy.typing import NDArray
 
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import Road
 from irl_dal.figures.document import FigureWithCaption, render_page
-from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, drawing
+from irl_dal.figures.style import GREY, PALETTE, VARIANT_COLOURS, Array, drawing
 from irl_dal.figures.table import Cell, NumberTable
 from irl_dal.figures.top_view import LINES, SPACING
 from irl_dal.storage.atomic import write_text
@@ -22,8 +21,6 @@ from irl_dal.sweep.collection import Collection
 from irl_dal.sweep.paper_table import COLUMNS, Estimates, label, paper_table
 from irl_dal.sweep.remarks import remarks
 from irl_dal.sweep.result import OVERLAY_SEED
-
-Array = NDArray[np.float64]
 
 _PANELS = (
     ("rollout/episode_return", "Return, mean of the last 20 episodes", False),

@@ -5,14 +5,11 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from matplotlib.lines import Line2D
-from numpy.typing import NDArray
 
 from irl_dal.envs import Scene
 from irl_dal.envs.road import HALF_WIDTH, LANE_WIDTH
 from irl_dal.envs.vehicle import VehicleState
-from irl_dal.figures.style import PALETTE
-
-Array = NDArray[np.float64]
+from irl_dal.figures.style import PALETTE, Array
 
 AHEAD, BEHIND, ASIDE = 42.0, 12.0, 20.0  # what the view covers around the rear axle [m]
 SPACING = 1.0  # between two points of a drawn road line [m]

@@ -22,12 +22,10 @@ from irl_dal.figures.panels import (
     film_writer,
     status_words,
 )
-from irl_dal.figures.style import PALETTE
+from irl_dal.figures.style import PALETTE, Array
 from irl_dal.figures.top_view import TopView
 from irl_dal.loop import ControlLoop, Observation
 from shield import KinematicBicycle
-
-Array = NDArray[np.float64]
 
 SIZE = (1280, 720)  # of a frame [px]; even, as video encoders need it
 

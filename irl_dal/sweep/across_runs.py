@@ -9,14 +9,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 from rliable.library import get_interval_estimates
 from rliable.metrics import aggregate_iqm
 
-from irl_dal.evaluation.statistics import CONFIDENCE, Estimate
+from irl_dal.evaluation.statistics import CONFIDENCE, Array, Estimate
 from irl_dal.sweep.result import RunResult
-
-Array = NDArray[np.float64]
 
 RESAMPLES, BAND_RESAMPLES = 2000, 400
 

@@ -5,19 +5,17 @@ from itertools import combinations
 
 import numpy as np
 
-from expert.modes import Mode
 from irl_dal.evaluation.statistics import Estimate
 from irl_dal.sweep.collection import ORDER, Collection
 from irl_dal.sweep.paper_table import Estimates, label
-from irl_dal.sweep.result import REPLAY, RunResult
+from irl_dal.sweep.result import RunResult
 
 
 def remarks(collection: Collection, estimates: Estimates) -> list[str]:
-    """The order of the variants, what there was to balance, and how interventions went."""
+    """The order of the variants, and how interventions went."""
     sentences = [
         _order(estimates, "success", "success", 1.0),
         _order(estimates, "collisions_per_1k_steps", "collisions", -1.0),
-        _balance(collection),
     ]
     for variant in collection.variants:
         shares = interventions(collection.of(variant))
@@ -45,36 +43,6 @@ def interventions(runs: Sequence[RunResult]) -> tuple[float, float] | None:
         return None
     early, late = np.mean(thirds, axis=0).tolist()
     return early, late
-
-
-def replay_shares(runs: Sequence[RunResult]) -> dict[Mode, float]:
-    """Share of each of the expert's states in the replay buffer, mean over training and runs."""
-    shares = []
-    for run in runs:
-        columns = [run.curves.get(name, []) for name in REPLAY.values()]
-        rows = [row for row in zip(*columns, strict=True) if None not in row and any(row)]
-        held = np.array(rows, dtype=float)
-        if len(held):
-            shares.append((held / held.sum(axis=1, keepdims=True)).mean(axis=0))
-    if not shares:
-        return {}
-    return dict(zip(REPLAY, np.mean(shares, axis=0).tolist(), strict=True))
-
-
-def _balance(collection: Collection) -> str:
-    """How far the draws of uniform replay are from those of balanced replay."""
-    shares = replay_shares(collection.of("ppo_uniform"))
-    if not shares or not collection.of("fsm_replay"):
-        return ""
-    rarest, *_, commonest = sorted(shares, key=shares.__getitem__)
-    least, most = (
-        f"{mode.name.lower().replace('_', ' ')} in {shares[mode]:.1%}"
-        for mode in (rarest, commonest)
-    )
-    return (
-        f"{label('ppo_uniform')} draws {least} of the samples and {most}, mean over training; "
-        f"{label('fsm_replay')} draws each state in {1.0 / len(shares):.1%}."
-    )
 
 
 def _order(estimates: Estimates, key: str, words: str, sign: float) -> str:

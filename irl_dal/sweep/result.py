@@ -10,7 +10,6 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, TypeAdapter, ValidationError
 
-from expert.modes import Mode
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError, first_line
 from irl_dal.evaluation.rig import AgentSpec, Rig
@@ -20,16 +19,7 @@ from irl_dal.storage.run_folder import RunFolder, read_mapping
 
 FORMAT = 1  # raised whenever this version could misread the files of an older one
 
-REPLAY = {mode: f"replay/{mode.name.lower()}" for mode in Mode}
-"""Columns with the transitions that the replay buffer holds of each state of the expert."""
-
-CURVES = (
-    "rollout/episode_return",
-    "bc/loss",
-    "rollout/intervention_rate",
-    "rollout/shield_rate",
-    *REPLAY.values(),
-)
+CURVES = ("rollout/episode_return", "bc/loss", "rollout/intervention_rate", "rollout/shield_rate")
 """Columns of a run's metrics that a result keeps."""
 
 OVERLAY_SEED = 22_000  # episode whose path is kept, to lay the variants' paths over each other

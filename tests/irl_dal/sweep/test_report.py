@@ -18,8 +18,8 @@ from irl_dal.config import ConfigError
 from irl_dal.sweep.across_runs import across_runs, band
 from irl_dal.sweep.collection import Collection, collect
 from irl_dal.sweep.paper_table import estimates_of, notes
-from irl_dal.sweep.remarks import interventions, remarks, replay_shares
-from irl_dal.sweep.result import REPLAY, RunResult, read_result, write_result
+from irl_dal.sweep.remarks import interventions, remarks
+from irl_dal.sweep.result import RunResult, read_result, write_result
 from tests.irl_dal.figures.test_comparison_page import CHROMIUM, opened
 from tests.irl_dal.test_commands import TINY
 
@@ -202,19 +202,6 @@ def test_interventions_are_those_of_the_mixed_phase(result: RunResult) -> None:
         curves={"rollout/intervention_rate": [0.9, 0.9, 0.6, None, 0.2]},
     )
     assert interventions([run]) == (0.6, 0.2)
-
-
-def test_the_remarks_say_how_much_there_was_to_balance(result: RunResult) -> None:
-    """Shares of the expert's states, from the run's own log, where both replays are compared."""
-    assert sum(replay_shares([result]).values()) == pytest.approx(1.0)
-    assert replay_shares([replace(result, curves={})]) == {}
-    columns = ([5, 10, 30, None], [1, 10, 10, 10], [2, 10, 30, 30], [2, 10, 30, 30])
-    curves = {**result.curves, **dict(zip(REPLAY.values(), columns, strict=True))}
-    uniform = replace(result, variant="ppo_uniform", curves=curves)
-    both = Collection((uniform, replace(result, variant="fsm_replay")))
-    said = " ".join(remarks(both, estimates_of(both, np.random.default_rng(0))))
-    words = "draws obstacle avoidance in 15.0% of the samples and lane following in 35.0%"
-    assert words in said and "draws each state in 25.0%" in said
 
 
 @pytest.mark.parametrize(
