@@ -50,7 +50,6 @@ def _main(composed: DictConfig) -> None:
 
 
 def _job(composed: DictConfig) -> ComparisonJob:
-    """What is compared, and how much of it."""
     run, out = path_argument(composed, "run"), path_argument(composed, "out")
     if run is None:
         raise ConfigError("run = None: name the folder of a trained run")

@@ -58,7 +58,6 @@ def _main(composed: DictConfig) -> None:
 
 
 def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
-    """What is evaluated and who drives."""
     run, policy = path_argument(composed, "run"), composed.policy
     if (run is None) == (policy is None):
         raise ConfigError(f"run = {composed.run!r}, policy = {policy!r}: give one of the two")

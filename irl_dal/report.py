@@ -65,7 +65,6 @@ def _main(composed: DictConfig) -> None:
 def _write(
     out: Path, collection: Collection, estimates: Estimates, rng: np.random.Generator
 ) -> None:
-    """Results, numbers, pictures and the page."""
     for result in collection.results:
         write_result(result, out / "results" / f"{result.name}.json")
     numbers = {

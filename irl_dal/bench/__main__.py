@@ -57,7 +57,6 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    """A command for each thing that is measured, each with its own options."""
     parser = _Parser(
         prog="python -m irl_dal.bench", description="Measure city, planner and learners."
     )

@@ -1,8 +1,7 @@
 """Drives for the benchmarks of the city: how they end, and the lane measurement in them."""
 
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import closing
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -40,20 +39,23 @@ class Drive:
         return len(self.commands)
 
 
-def expert_drives(city: CityConfig, seeds: Iterable[int]) -> Iterator[Drive]:
-    """Let the expert drive under its shield, one episode for each seed, in this process.
-
-    On a track the n-th episode takes the n-th stretch.
-    """
-    config = replace(RunConfig(), env=city)
-    with closing(Rig.build(config, AgentSpec("expert"))) as rig:
-        yield from (_drive(rig, task) for task in enumerate(seeds))
+def expert_drives(city: CityConfig, seeds: Sequence[int]) -> list[Drive]:
+    """Let the expert drive under its shield, one episode for each seed, in this process."""
+    return drives(replace(RunConfig(), env=city), AgentSpec("expert"), seeds)
 
 
 def drives(
-    config: RunConfig, spec: AgentSpec, seeds: Sequence[int], jobs: int, what: str, console: Console
+    config: RunConfig,
+    spec: AgentSpec,
+    seeds: Sequence[int],
+    jobs: int = 1,
+    what: str = "",
+    console: Console | None = None,
 ) -> list[Drive]:
-    """Let an agent drive, one episode for each seed, in several processes."""
+    """Let an agent drive, one episode for each seed, in `jobs` processes.
+
+    On a track the n-th episode takes the n-th stretch.
+    """
     with Workers(config, spec, jobs, console) as workers:
         return workers.map(what, _drive, list(enumerate(seeds)))
 

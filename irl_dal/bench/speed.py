@@ -3,6 +3,7 @@
 import time
 import warnings
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from typing import Any
 
@@ -48,20 +49,9 @@ def speed_tables(rounds: int, steps: int, config: CityConfig) -> Iterator[Table 
     ]
     headings = ["environment", "steps/s", "city is faster by"]
     yield terminal_table("steps per second of one core (processor time)", headings, rows)
-    for name, package in missing_peers().items():
-        yield f"{name} is not installed: pip install {package}"
+    for name in PEERS.keys() - rates.keys():
+        yield f"{name} is not installed: pip install {PEERS[name]}"
     yield parts_table(rounds * steps, config)
-
-
-def missing_peers() -> dict[str, str]:
-    """Peers that cannot be made here, and the package that each one needs."""
-    missing = {}
-    for name, package in PEERS.items():
-        try:
-            _peer(name).close()
-        except (gymnasium.error.Error, ImportError):
-            missing[name] = package
-    return missing
 
 
 def compare_speed(rounds: int, steps: int, config: CityConfig) -> dict[str, float]:
@@ -71,9 +61,10 @@ def compare_speed(rounds: int, steps: int, config: CityConfig) -> dict[str, floa
     The city drives an expert's episode again, so that traffic is met and resets are rare; the
     peers get random actions, which do not change what a step costs them.
     """
-    absent = missing_peers()
     environments = {"IRLDAL/City-v0": _city(config)}
-    environments |= {name: _random(_peer(name)) for name in PEERS if name not in absent}
+    for name in PEERS:
+        with suppress(gymnasium.error.Error, ImportError):
+            environments[name] = _random(_peer(name))
     rates: dict[str, list[float]] = {name: [] for name in environments}
     for step, _ in environments.values():
         _repeat(step, min(20, steps))  # warms up
@@ -107,7 +98,8 @@ def _repeat(step: Step, times: int) -> None:
 
 def _city(config: CityConfig) -> tuple[Step, Step]:
     """Steps the city on an expert's commands, from the start whenever they end; and closes it."""
-    commands = next(iter(expert_drives(config, [SEED]))).commands
+    (drive,) = expert_drives(config, [SEED])
+    commands = drive.commands
     env = CityEnv(config)
     position = len(commands)
 

@@ -106,7 +106,6 @@ def _work(
     calls: Sequence[tuple[Callable[..., int], Any, Sequence[int]]],
     console: Console | None,
 ) -> None:
-    """Share calls out over processes."""
     if not calls:
         return
     with progress_bar(console) as progress:

@@ -84,7 +84,6 @@ def _table(
     rows: Iterable[tuple[str, Mapping[str, Any]]],
     caption: str,
 ) -> NumberTable:
-    """Numbers in columns, the settings in rows."""
     cells = [
         (name, MODE_COLOURS[numbers["projection"]], [_cell(column, numbers) for column in columns])
         for name, numbers in rows

@@ -66,7 +66,6 @@ def comparison_page(
 
 
 def _origin(results: Mapping[str, Any]) -> NumberTable:
-    """Where the numbers come from."""
     lines = {
         "run": f"{results['variant']}, training seed {results['training_seed']}",
         "configuration": results["config_hash"],
@@ -129,7 +128,6 @@ def _plan_figures(job: ComparisonJob, results: Mapping[str, Any]) -> list[Figure
 
 
 def _number_figures(results: Mapping[str, Any]) -> list[FigureWithCaption]:
-    """Values and paired differences for each activation."""
     figures = []
     for activation in results["settings"]["activations"]:
         words = ACTIVATIONS[activation]
@@ -290,7 +288,6 @@ def _draw_commands(
 
 
 def _mark(axes: Axes, x: Array, y: Array) -> None:
-    """Dots where a command breaks a bound."""
     axes.plot(x, y, ".", color=PALETTE["violation"], markersize=4.0)
 
 

@@ -10,6 +10,7 @@ from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.suite import evaluate
 from irl_dal.evaluation.summary import evaluation_table
 from irl_dal.figures.evaluation import draw_training
+from irl_dal.figures.panels import film_writer
 from irl_dal.figures.video import DriveFilm
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import RunFolder
@@ -26,10 +27,14 @@ def show_run(folder: RunFolder, console: Console) -> None:
     if config.evaluation.video_duration > 0.0:
         # the episode worth showing: a success if there is one, with the most planner steps
         best = max(evaluation.episodes, key=lambda entry: (entry["success"], entry["triggered"]))
-        with console.status("filming one drive"), one_thread():
-            with closing(Rig.build(config, spec, render_mode="rgb_array")) as rig:
-                with DriveFilm(folder.video, rig.loop, config.evaluation.video_duration) as film:
-                    drive_episode(rig.loop, rig.agent, best["seed"], film.watch)
+        with (
+            console.status("filming one drive"),
+            one_thread(),
+            closing(Rig.build(config, spec, render_mode="rgb_array")) as rig,
+            film_writer(folder.video, 1.0 / config.limits.dt) as writer,
+        ):
+            film = DriveFilm(writer, rig.loop, config.evaluation.video_duration)
+            drive_episode(rig.loop, rig.agent, best["seed"], film.watch)
         written.append(folder.video)
     for path in written:
         console.print(f"written to {path}", soft_wrap=True)

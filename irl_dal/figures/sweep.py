@@ -77,7 +77,6 @@ def write_sweep_page(
 
 
 def _runs(collection: Collection) -> NumberTable:
-    """Every run with its origin."""
     headings = ["success [%]", "training [min]", "configuration", "commit", "machine"]
     rows = []
     for run in collection.results:

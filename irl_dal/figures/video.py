@@ -1,9 +1,6 @@
 """A film of one drive: chase view, camera, top view, commands within their bounds, trigger."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,7 +16,6 @@ from irl_dal.figures.panels import (
     FilmFrame,
     MovingFigure,
     empty_picture,
-    film_writer,
     status_words,
 )
 from irl_dal.figures.style import PALETTE, Array
@@ -31,15 +27,16 @@ SIZE = (1280, 720)  # of a frame [px]; even, as video encoders need it
 
 
 class DriveFilm:
-    """Watches a drive and films it; a context manager whose `watch` goes to `drive_episode`.
+    """Watches a drive and films it: `watch` goes to `drive_episode`.
 
     Args:
-        path: `.mp4` file to write; it appears when the film is complete.
+        writer: Of `film_writer`.
         loop: Loop that is driven; without `render_mode="rgb_array"` the chase view stays empty.
         duration: After so many seconds of the drive nothing more is filmed [s].
     """
 
-    def __init__(self, path: Path, loop: ControlLoop, duration: float) -> None:
+    def __init__(self, writer: Any, loop: ControlLoop, duration: float) -> None:
+        self._writer = writer
         self._loop = loop
         self._duration = duration
         self._bicycle = KinematicBicycle(loop.limits.wheelbase, loop.limits.dt)
@@ -57,14 +54,6 @@ class DriveFilm:
             CommandPlot(axes[name], i, loop.limits) for i, name in enumerate(("steering", "speed"))
         ]
         self._moving = MovingFigure(figure)
-        self._file = film_writer(path, 1.0 / loop.limits.dt)
-
-    def __enter__(self) -> DriveFilm:
-        self._writer = self._file.__enter__()
-        return self
-
-    def __exit__(self, *error: Any) -> None:
-        self._file.__exit__(*error)
 
     def watch(self, observation: Observation, info: Mapping[str, Any]) -> None:
         """Film the moment after the reset or after a step."""

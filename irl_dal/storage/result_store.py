@@ -19,7 +19,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -115,7 +115,11 @@ def _only_user(lock: IO[bytes]) -> bool:
 
 def fingerprint(*parts: str | Path) -> str:
     """Twelve hexadecimal digits that change with any of the texts and of the files' bytes."""
-    return _digest(part.encode() if isinstance(part, str) else part.read_bytes() for part in parts)
+    digest = hashlib.sha256()
+    for part in parts:
+        content = part.encode() if isinstance(part, str) else part.read_bytes()
+        digest.update(len(content).to_bytes(8, "little") + content)
+    return digest.hexdigest()[:12]
 
 
 def code_fingerprint() -> str:
@@ -129,10 +133,10 @@ def code_fingerprint() -> str:
     files = {path for root in roots for path in [root, *root.rglob("*")]}
     sources = sorted(path for path in files if path.suffix == ".py")
     models = sorted(path for path in files if path.suffix == ".urdf")
-    return _digest([*map(_meaning, sources), *(path.read_bytes() for path in models)])
+    return fingerprint(*map(_meaning, sources), *models)
 
 
-def _meaning(source: Path) -> bytes:
+def _meaning(source: Path) -> str:
     """A module's syntax tree without its docstrings."""
     tree = ast.parse(source.read_bytes())
     for node in ast.walk(tree):
@@ -142,11 +146,4 @@ def _meaning(source: Path) -> bytes:
                 for entry in node.body
                 if not (isinstance(entry, ast.Expr) and isinstance(entry.value, ast.Constant))
             ]
-    return ast.dump(tree).encode()
-
-
-def _digest(contents: Iterable[bytes]) -> str:
-    digest = hashlib.sha256()
-    for content in contents:
-        digest.update(len(content).to_bytes(8, "little") + content)
-    return digest.hexdigest()[:12]
+    return ast.dump(tree)

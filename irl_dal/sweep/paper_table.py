@@ -148,8 +148,6 @@ class MarkedPage(NamedTuple):
         where = f"page = {str(path)!r}"
         try:
             text = path.read_text(encoding="utf-8")
-        except FileNotFoundError:
-            raise ConfigError(f"{where}: there is no such file") from None
         except OSError as error:
             raise ConfigError(f"{where}: {error.strerror}") from None
         except UnicodeDecodeError:

@@ -6,6 +6,7 @@ import pytest
 
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
+from irl_dal.figures.panels import film_writer
 from irl_dal.figures.video import SIZE, DriveFilm
 from tests.irl_dal.evaluation.small import small_config
 
@@ -15,7 +16,8 @@ def test_the_film_shows_the_drive(tmp_path: Path) -> None:
     path = tmp_path / "drive.mp4"
     rig = Rig.build(small_config(), AgentSpec("expert"), render_mode="rgb_array")
     try:
-        with DriveFilm(path, rig.loop, duration=0.5) as film:
+        with film_writer(path, 10.0) as writer:
+            film = DriveFilm(writer, rig.loop, duration=0.5)
             drive_episode(rig.loop, rig.agent, 1, film.watch)
     finally:
         rig.close()
@@ -31,8 +33,9 @@ def test_an_interrupted_film_leaves_nothing(tmp_path: Path) -> None:
     try:
         with (
             pytest.raises(RuntimeError, match="stop"),
-            DriveFilm(tmp_path / "drive.mp4", rig.loop, duration=0.5) as film,
+            film_writer(tmp_path / "drive.mp4", 10.0) as writer,
         ):
+            film = DriveFilm(writer, rig.loop, duration=0.5)
             observation, info = rig.loop.reset(seed=1)
             film.watch(observation, info)
             raise RuntimeError("stop")

@@ -210,7 +210,7 @@ def test_interventions_are_those_of_the_mixed_phase(result: RunResult) -> None:
         ((), "runs = None"),
         (("runs=/nowhere",), "no such folder"),
         (("runs={tmp}",), "neither runs nor results"),
-        (("runs={runs}", "page={tmp}/no.md"), "no such file"),
+        (("runs={runs}", "page={tmp}/no.md"), "No such file"),
         (("runs={runs}", "page={tmp}/bare.md"), "lacks <!-- table: begin -->"),
         (("runs={runs}", "page={tmp}/half.md"), "lacks <!-- table: begin -->"),
         (("runs={runs}", "page={tmp}"), "page = '{tmp}'"),
