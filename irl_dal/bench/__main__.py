@@ -20,11 +20,11 @@ from math import isfinite
 from pathlib import Path
 from typing import NoReturn
 
-from rich.console import Console, RenderableType
+from rich.console import RenderableType
 
 from irl_dal.bench.car import car_tables
 from irl_dal.bench.drive import drives, lane_table, outcome_table
-from irl_dal.bench.learning import learning_table
+from irl_dal.bench.learning import learning_tables
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import speed_tables
 from irl_dal.cli.command import new_console, one_line_errors
@@ -37,7 +37,7 @@ from irl_dal.storage.run_folder import open_run
 FIRST_SEED = 20_000  # seeds from here on are for reports; nothing was tuned on them
 
 Parts = Iterator[RenderableType]
-Measure = Callable[[argparse.Namespace, Console], Parts]
+Measure = Callable[[argparse.Namespace], Parts]
 
 
 class _Parser(argparse.ArgumentParser):
@@ -51,8 +51,8 @@ def main(arguments: Sequence[str] | None = None) -> None:
     """Entry point of the command."""
     options = _parser().parse_args(arguments)
     console = new_console()
-    with one_line_errors():
-        for part in options.measure(options, console):
+    with one_line_errors(), one_thread():
+        for part in options.measure(options):
             console.print(part)
 
 
@@ -76,16 +76,14 @@ def _parser() -> argparse.ArgumentParser:
         command.set_defaults(measure=measure)
         return command
 
-    add("env", _env, rounds, city).add_argument(
-        "--steps", type=_whole(1), default=100, help="in one round"
-    )
+    env = add("env", lambda o: speed_tables(o.rounds, o.steps, _city(o)), rounds, city)
+    env.add_argument("--steps", type=_whole(1), default=100, help="in one round")
     for name in ("lane", "expert", "faults"):
         add(name, _drives, many, run, city)
-    add("car", lambda options, console: car_tables())
-    add("planner", _planner, rounds, run).add_argument(
-        "--contexts", type=_whole(1), default=60, help="states to plan in"
-    )
-    add("learning", _learning, rounds)
+    add("car", lambda o: car_tables())
+    planner = add("planner", lambda o: planner_tables(o.run, o.rounds, o.contexts), rounds, run)
+    planner.add_argument("--contexts", type=_whole(1), default=60, help="states to plan in")
+    add("learning", lambda o: learning_tables(RunConfig(), o.rounds), rounds)
     return parser
 
 
@@ -120,21 +118,7 @@ def _city(options: argparse.Namespace) -> CityConfig:
         raise ConfigError(str(error)) from None
 
 
-def _env(options: argparse.Namespace, console: Console) -> Parts:
-    return speed_tables(options.rounds, options.steps, _city(options))
-
-
-def _planner(options: argparse.Namespace, console: Console) -> Parts:
-    with one_thread():
-        yield from planner_tables(options.run, options.rounds, options.contexts)
-
-
-def _learning(options: argparse.Namespace, console: Console) -> Parts:
-    with one_thread():
-        yield learning_table(RunConfig(), options.rounds)
-
-
-def _drives(options: argparse.Namespace, console: Console) -> Parts:
+def _drives(options: argparse.Namespace) -> Parts:
     """The expert, and the agent of a run if one is named, in one city or under each fault."""
     city = _city(options)
     drivers = {"expert": (RunConfig(), AgentSpec("expert"))}
@@ -147,7 +131,7 @@ def _drives(options: argparse.Namespace, console: Console) -> Parts:
     seeds = range(options.first_seed, options.first_seed + options.episodes)
     for driver, (config, spec) in drivers.items():
         groups = {
-            name: drives(replace(config, env=place), spec, seeds, options.jobs, name, console)
+            name: drives(replace(config, env=place), spec, seeds, options.jobs, name, new_console())
             for name, place in cities.items()
         }
         if options.what == "lane":

@@ -56,7 +56,7 @@ def time_updates(learners: Learners, rounds: int, steps: int) -> dict[str, NDArr
     return {name: np.median(times[1:], axis=0) for name, times in taken.items()}  # 0 warms up
 
 
-def learning_table(config: RunConfig, rounds: int) -> Table:
+def learning_tables(config: RunConfig, rounds: int) -> Iterator[Table]:
     """What the benchmark prints."""
     keep_freed_memory()
     with demonstrated(config, DEMONSTRATION) as learners:
@@ -67,4 +67,4 @@ def learning_table(config: RunConfig, rounds: int) -> Table:
         [name, *(f"{1e3 * time:.1f}" for time in times), f"{times[-1] / times[0]:.2f}"]
         for name, times in medians.items()
     ]
-    return terminal_table(title, ["update", *headings, "ratio"], rows)
+    yield terminal_table(title, ["update", *headings, "ratio"], rows)

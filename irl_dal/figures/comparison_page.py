@@ -30,6 +30,7 @@ from irl_dal.figures.style import GREY, MODE_COLOURS, PALETTE, Array, drawing
 from irl_dal.figures.table import Cell, Column, NumberTable
 from irl_dal.planner import PlanningContext
 from irl_dal.planner.energy.clearance import scan_points
+from irl_dal.planner.projection import defect
 from irl_dal.planner.rollout import ego_rollout
 from irl_dal.storage.atomic import write_text
 from shield import ActuatorLimits
@@ -307,8 +308,7 @@ def _broken(plan: Array, previous: Array, limits: ActuatorLimits) -> NDArray[np.
     Estimates come out of the loop in normalised units: their last digits do not count.
     """
     before = np.vstack([previous, plan[:-1]])
-    outside = np.maximum(plan - limits.high, limits.low - plan).max(axis=1)
-    return np.asarray((_used(plan, before, limits) > 1.0 + DIGITS) | (outside > DIGITS))
+    return np.asarray(defect(plan[:, None], before[:, None], limits) > DIGITS)
 
 
 def _lane(axes: Axes, context: PlanningContext, reach: float) -> None:

@@ -23,7 +23,8 @@ def show_run(folder: RunFolder, console: Console) -> None:
     write_json(folder.evaluation, evaluation.report)
     console.print(evaluation_table(evaluation.report, f"{config.variant}, {folder.path}"))
     written = [folder.evaluation]
-    written += draw_training(folder.metrics, folder.figures, config.learning.imitation_steps)
+    boundary, video = config.learning.imitation_steps, folder.path / "drive.mp4"
+    written += draw_training(folder.metrics, folder.path / "figures", boundary)
     if config.evaluation.video_duration > 0.0:
         # the episode worth showing: a success if there is one, with the most planner steps
         best = max(evaluation.episodes, key=lambda entry: (entry["success"], entry["triggered"]))
@@ -31,10 +32,10 @@ def show_run(folder: RunFolder, console: Console) -> None:
             console.status("filming one drive"),
             one_thread(),
             closing(Rig.build(config, spec, render_mode="rgb_array")) as rig,
-            film_writer(folder.video, 1.0 / config.limits.dt) as writer,
+            film_writer(video, 1.0 / config.limits.dt) as writer,
         ):
             film = DriveFilm(writer, rig.loop, config.evaluation.video_duration)
             drive_episode(rig.loop, rig.agent, best["seed"], film.watch)
-        written.append(folder.video)
+        written.append(video)
     for path in written:
         console.print(f"written to {path}", soft_wrap=True)

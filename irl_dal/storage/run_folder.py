@@ -44,16 +44,6 @@ class RunFolder:
         """The flat report of the evaluation after the training."""
         return self.path / "evaluation.json"
 
-    @property
-    def figures(self) -> Path:
-        """Folder of the figures."""
-        return self.path / "figures"
-
-    @property
-    def video(self) -> Path:
-        """The evaluation drive."""
-        return self.path / "drive.mp4"
-
 
 def default_run_dir(config: RunConfig, now: datetime) -> Path:
     """`runs/<date-time>-<variant>-seed<seed>`."""
