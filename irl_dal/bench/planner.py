@@ -15,6 +15,8 @@ from rich.table import Table
 from irl_dal.bench.stopwatch import time_parts
 from irl_dal.build import build_loop, build_planner, expert_supervision
 from irl_dal.config import ConfigError, RunConfig
+from irl_dal.evaluation.agents import ExpertAgent
+from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.figures.table import terminal_table
 from irl_dal.planner import DiffusionPlanner, PlanningContext, TotalEnergy
 from irl_dal.planner.fast_denoiser import FastDenoiser
@@ -48,14 +50,9 @@ def planner_tables(run: Path | None, rounds: int, contexts: int) -> Iterator[Tab
 
 def logged_contexts(config: RunConfig, count: int) -> list[PlanningContext]:
     """Contexts evenly spread over one drive of the expert."""
-    contexts, over = [], False
+    contexts: list[PlanningContext] = []
     with closing(build_loop(config, expert_supervision(config))) as loop:
-        _, info = loop.reset(seed=SEED)
-        contexts.append(info["context"])
-        while not over:
-            _, _, terminated, truncated, info = loop.step_expert()
-            contexts.append(info["context"])
-            over = terminated or truncated
+        drive_episode(loop, ExpertAgent(), SEED, lambda _, info: contexts.append(info["context"]))
     places = np.linspace(0, len(contexts) - 1, min(count, len(contexts))).astype(int)
     return [contexts[place] for place in places]
 
@@ -66,7 +63,7 @@ def make_planner(config: RunConfig, run: Path | None = None, **settings: Any) ->
     if planner is None:
         raise ConfigError(f"--run = {str(run)!r}: was trained without a planner")
     if run is not None:
-        state = CheckpointStore(open_run("--run", run).path).load().state
+        state = CheckpointStore(run).load().state
         planner.load_state_dict(state["diffusion"]["network"])
     return planner
 

@@ -64,7 +64,7 @@ def compare_speed(rounds: int, steps: int, config: CityConfig) -> dict[str, floa
     environments = {"IRLDAL/City-v0": _city(config)}
     for name in PEERS:
         with suppress(gymnasium.error.Error, ImportError):
-            environments[name] = _random(_peer(name))
+            environments[name] = _random(name)
     rates: dict[str, list[float]] = {name: [] for name in environments}
     for step, _ in environments.values():
         _repeat(step, min(20, steps))  # warms up
@@ -114,8 +114,15 @@ def _city(config: CityConfig) -> tuple[Step, Step]:
     return step, env.close
 
 
-def _random(env: gymnasium.Env[Any, Any]) -> tuple[Step, Step]:
+def _random(name: str) -> tuple[Step, Step]:
     """Steps an environment on random actions; and closes it."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        if name == "racetrack-v0":
+            import highway_env
+
+            gymnasium.register_envs(highway_env)
+        env: gymnasium.Env[Any, Any] = gymnasium.make(name)
     env.reset(seed=0)
     env.action_space.seed(0)
 
@@ -125,13 +132,3 @@ def _random(env: gymnasium.Env[Any, Any]) -> tuple[Step, Step]:
             env.reset()
 
     return step, env.close
-
-
-def _peer(name: str) -> gymnasium.Env[Any, Any]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        if name == "racetrack-v0":
-            import highway_env
-
-            gymnasium.register_envs(highway_env)
-        return gymnasium.make(name)

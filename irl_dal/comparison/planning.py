@@ -38,10 +38,7 @@ def setting_planner(
 def plan_in_states(
     job: ComparisonJob, store: ResultStore, settings: Sequence[Setting], seeds: Sequence[int]
 ) -> int:
-    """Drive the expert, plan in its risky states in every setting with the same noise.
-
-    Returns how many episodes were driven.
-    """
+    """Plan in the expert's risky states in every setting with the same noise; counts the seeds."""
     count = job.comparison.candidates
     planners = {setting: setting_planner(job, setting, count) for setting in settings}
     with setting_rig(job, settings[0]) as rig:
@@ -99,7 +96,7 @@ class DenoisingTrace:
 
 
 def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, PlanningContext]:
-    """Seed and risky state of the comparison's first seeds in which pure diffusion errs most.
+    """Seed and risky state of the first seeds in which pure diffusion errs most.
 
     Where the expert met no risk, its first state.
     """

@@ -117,14 +117,11 @@ def best_projection(results: Mapping[str, Any]) -> ProjectionMode:
     Most successes first; among modes that no paired interval tells apart from the best, the plan
     of least energy in the same states, then the fastest.
     """
-    activation = results["settings"]["activations"][0]
+    first = results["settings"]["activations"][0]
     modes = {
         numbers["projection"]: numbers
-        for numbers in results["arms"].values()
-        if numbers["activation"] == activation
-        and numbers["shielded"]
-        and numbers["guided"]
-        and numbers["projection"] != "none"
+        for name, numbers in results["arms"].items()
+        if name == f"{first}-{numbers['projection']}-shield" and numbers["projection"] != "none"
     }
     most = max(numbers["success"] for numbers in modes.values())
 
@@ -133,11 +130,8 @@ def best_projection(results: Mapping[str, Any]) -> ProjectionMode:
         time = modes[mode]["latency_plan_p50_ms"]
         return (inf if energy is None else round(energy, 3), inf if time is None else time)
 
-    able = []
-    for mode, numbers in modes.items():
-        _, high = numbers["success_ci95"] or (0.0, most)
-        if max(high, numbers["success"]) >= most:
-            able.append(mode)
+    highs = {mode: (numbers["success_ci95"] or (most,))[-1] for mode, numbers in modes.items()}
+    able = [mode for mode in modes if max(highs[mode], modes[mode]["success"]) >= most]
     return min(able, key=order)
 
 

@@ -1,7 +1,4 @@
-"""From the kept rows to numbers with intervals and paired differences; nothing is defined here.
-
-The definition of each number stands in `irl_dal/evaluation/metrics.py`.
-"""
+"""From the kept rows to the numbers that `irl_dal/evaluation/metrics.py` defines, and gaps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict

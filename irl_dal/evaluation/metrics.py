@@ -139,9 +139,7 @@ def path_rows(distances: Sequence[Row | Array]) -> dict[str, list[Row]]:
 def cloning_row(episode: Episode, answers: Array) -> list[float]:
     """Squared errors of an agent in an expert's episode, summed per mode, then counted (2 C,).
 
-    Args:
-        episode: The expert's.
-        answers: The agent's actions in its states (T, 2), normalised.
+    `answers` are the agent's actions in its states (T, 2), normalised.
     """
     error = np.square(answers - episode.expert_action).mean(axis=1)
     weights = (error, np.ones_like(error))

@@ -44,11 +44,7 @@ def drive_episode(
 def drive_expert(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int
 ) -> tuple[Episode, Array]:
-    """Let the expert drive under `reference`, and ask the agent what it would have done.
-
-    Returns:
-        The episode, and the agent's actions in its states (T, 2), normalised.
-    """
+    """The expert's episode under `reference`, and the agent's actions in its states (T, 2)."""
     answers: list[Array] = []
     agent.reset(seed)
     with loop.under(reference):
@@ -61,14 +57,11 @@ def drive_expert(
 def compare_paths(
     loop: ControlLoop, reference: Supervision, agent: Agent, seed: int, step: int, pose: Array
 ) -> Array:
-    """Put the agent into a state of an expert's episode and let it drive.
+    """Distances between the agent's and the expert's path from the same state, per step (K,) [m].
 
     The state is restored by driving the expert's episode again, under `reference` and up to `step`,
     without the camera until the last moment. An agent whose episode ends early (collision, goal)
     stays where it is. `pose` is the expert's in that state and after each of K steps (K + 1, 3).
-
-    Returns:
-        Distance between both paths after each of the K steps (K,) [m].
     """
     if len(pose) < 2:
         raise ValueError(f"`pose` must hold the state and a step after it. Got {len(pose)} rows.")

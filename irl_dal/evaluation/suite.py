@@ -37,13 +37,8 @@ def evaluate(
     """Drive and measure.
 
     What is driven is kept until the evaluation is complete: the same one, interrupted and begun
-    again, goes on. The returns of expert and random actions are kept for good, beside the runs.
-
-    Args:
-        config: What is evaluated; its `evaluation` says how much.
-        spec: Who drives.
-        runs: Folder that remembers the references' returns.
-        console: Where the progress bar goes.
+    again, goes on. The returns of expert and random actions are kept for good, in the folder
+    `runs`.
 
     Raises:
         CheckpointError: The run has no checkpoint that can be used.

@@ -203,10 +203,7 @@ def _panel(axes: Axes, column: Column, settings: Sequence[Mapping[str, Any]], en
 def _draw_denoising(
     traces: Sequence[DenoisingTrace], context: PlanningContext, limits: ActuatorLimits
 ) -> Figure:
-    """Steering of all candidates over the plan at some denoising steps, a row per mode.
-
-    The same noise in every row. Shaded is what the bounds leave from the last executed command on.
-    """
+    """Steering of all candidates over the plan at some denoising steps, a row per mode."""
     shown = sorted({round(x) for x in np.linspace(0, len(traces[0].k) - 1, 5)})
     horizon = traces[0].estimates.shape[2]
     steps = np.arange(1, horizon + 1)

@@ -53,10 +53,8 @@ class TopView:
     def update(self, scene: Scene, trail: Array, plan: Array | None) -> None:
         """Move everything to where it is now.
 
-        Args:
-            scene: The moment.
-            trail: Positions driven so far (T, 2) [m], world coordinates.
-            plan: Positions of the plan (H + 1, 2) [m], world coordinates; None without one.
+        `trail` holds the positions driven so far (T, 2) and `plan` those of the plan (H + 1, 2),
+        None without one, in world coordinates [m].
         """
         vehicle = scene.vehicle
         self._move_road(scene)

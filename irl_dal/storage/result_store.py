@@ -123,11 +123,7 @@ def fingerprint(*parts: str | Path) -> str:
 
 
 def code_fingerprint() -> str:
-    """Twelve hexadecimal digits of the code that drives, plans and measures.
-
-    Python counts as the interpreter reads it: comments, docstrings and layout change nothing, any
-    other edit does. Takes about 0.7 s.
-    """
+    """Twelve hexadecimal digits of the code that drives, plans and measures; takes about 0.7 s."""
     inside = (path for path in Path(irl_dal.__path__[0]).iterdir() if path.name not in SHOWING)
     roots = [*inside, Path(expert.__path__[0]), Path(shield.__path__[0])]
     files = {path for root in roots for path in [root, *root.rglob("*")]}

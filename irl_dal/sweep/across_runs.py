@@ -6,7 +6,7 @@ Agarwal et al., Deep reinforcement learning at the edge of the statistical preci
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from rliable.library import get_interval_estimates
@@ -18,8 +18,7 @@ from irl_dal.sweep.result import RunResult
 RESAMPLES, BAND_RESAMPLES = 2000, 400
 
 
-@dataclass(frozen=True, slots=True)
-class Band:
+class Band(NamedTuple):
     """Interquartile mean and its interval's ends over the environment steps of a training (S,)."""
 
     steps: Array
