@@ -24,11 +24,9 @@ from irl_dal.storage.result_store import ResultStore
 STATES = 10  # risky states per episode in which every setting plans
 
 
-def setting_planner(
-    job: ComparisonJob, setting: Setting, candidates: int | None = None
-) -> DiffusionPlanner:
-    """The run's planner in a setting."""
-    planner = build_planner(setting.configure(job.config, candidates))
+def setting_planner(job: ComparisonJob, setting: Setting) -> DiffusionPlanner:
+    """The run's planner in a setting, with the comparison's number of candidates."""
+    planner = build_planner(setting.configure(job.config, job.comparison.candidates))
     assert planner is not None
     state = CheckpointStore(job.run_dir).load().state
     planner.load_state_dict(state["diffusion"]["network"])
@@ -39,8 +37,7 @@ def plan_in_states(
     job: ComparisonJob, store: ResultStore, settings: Sequence[Setting], seeds: Sequence[int]
 ) -> int:
     """Plan in the expert's risky states in every setting with the same noise; counts the seeds."""
-    count = job.comparison.candidates
-    planners = {setting: setting_planner(job, setting, count) for setting in settings}
+    planners = {setting: setting_planner(job, setting) for setting in settings}
     with setting_rig(job, settings[0]) as rig:
         for seed in seeds:
             expert, contexts = risky_contexts(rig, seed)
@@ -100,7 +97,7 @@ def most_violating_state(job: ComparisonJob, setting: Setting) -> tuple[int, Pla
 
     Where the expert met no risk, its first state.
     """
-    planner = setting_planner(job, setting, job.comparison.candidates)
+    planner = setting_planner(job, setting)
     states: list[tuple[float, int, PlanningContext]] = []
     with setting_rig(job, setting) as rig:
         for seed in job.comparison.seeds[:3]:
@@ -120,7 +117,7 @@ def trace_plan(
     job: ComparisonJob, setting: Setting, context: PlanningContext, seed: int
 ) -> DenoisingTrace:
     """Plan once and watch; the noise depends on the seed alone."""
-    planner = setting_planner(job, setting, job.comparison.candidates)
+    planner = setting_planner(job, setting)
     planner.generator.manual_seed(seed)
     watcher = _Watcher()
     plan = planner.plan(context, [watcher])

@@ -64,11 +64,11 @@ def test_guided_plans_have_less_energy_in_logged_risky_states(
 ) -> None:
     """In the risky states of two drives of the expert, with the same noise, one plan in each."""
     settings = [Setting("trigger", projection, True, guided=guided) for guided in (True, False)]
-    logs = []
-    with setting_rig(compared.job, settings[0]) as rig:
-        contexts = [list(risky_contexts(rig, seed)[1].values()) for seed in TINY.seeds]
+    logs, job = [], replace(compared.job, comparison=replace(TINY, candidates=1))
+    with setting_rig(job, settings[0]) as rig:
+        contexts = [risky_contexts(rig, seed)[1] for seed in TINY.seeds]
     for setting in settings:
-        planner = setting_planner(compared.job, setting, 1)
+        planner = setting_planner(job, setting)
         plans = [plan for group in contexts for plan in plan_log(planner, group, 0)]
         logs.append(np.array([entry.plan.energy for entry in plans]))
     guided, unguided = logs
