@@ -15,8 +15,8 @@ preflight("drive", command=__name__)
 
 import argparse
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import replace
-from math import isfinite
 from pathlib import Path
 from typing import NoReturn
 
@@ -64,12 +64,12 @@ def _parser() -> argparse.ArgumentParser:
     city, many, run, rounds = (_Parser(add_help=False) for _ in range(4))
     city.add_argument("--difficulty", default="paper", help="easy, paper or hard")
     city.add_argument("--track", help="TUM centre-line CSV file")
-    city.add_argument("--route-length", type=_positive, default=300.0, help="of a stretch [m]")
-    many.add_argument("--episodes", type=_whole(1), default=20)
-    many.add_argument("--first-seed", type=_whole(0), default=FIRST_SEED)
-    many.add_argument("--jobs", type=_whole(1), default=2, help="processes that drive")
+    city.add_argument("--route-length", type=_number(float, 1), default=300.0, help="stretch [m]")
+    many.add_argument("--episodes", type=_number(int, 1), default=20)
+    many.add_argument("--first-seed", type=_number(int, 0), default=FIRST_SEED)
+    many.add_argument("--jobs", type=_number(int, 1), default=2, help="processes that drive")
     run.add_argument("--run", type=Path, help="folder of a trained run")
-    rounds.add_argument("--rounds", type=_whole(1), default=7)
+    rounds.add_argument("--rounds", type=_number(int, 1), default=7)
 
     def add(name: str, measure: Measure, *options: _Parser) -> _Parser:
         command = commands.add_parser(name, parents=options)
@@ -77,35 +77,27 @@ def _parser() -> argparse.ArgumentParser:
         return command
 
     env = add("env", lambda o: speed_tables(o.rounds, o.steps, _city(o)), rounds, city)
-    env.add_argument("--steps", type=_whole(1), default=100, help="in one round")
+    env.add_argument("--steps", type=_number(int, 1), default=100, help="in one round")
     for name in ("lane", "expert", "faults"):
         add(name, _drives, many, run, city)
     add("car", lambda o: car_tables())
     planner = add("planner", lambda o: planner_tables(o.run, o.rounds, o.contexts), rounds, run)
-    planner.add_argument("--contexts", type=_whole(1), default=60, help="states to plan in")
+    planner.add_argument("--contexts", type=_number(int, 1), default=60, help="states to plan in")
     add("learning", lambda o: learning_tables(RunConfig(), o.rounds), rounds)
     return parser
 
 
-def _whole(least: int) -> Callable[[str], int]:
-    """Reads a whole number from `least` to what a seed of every library can be."""
+def _number(kind: type[int] | type[float], least: float) -> Callable[[str], float]:
+    """Reads a number from `least` to what a seed of every library can be."""
 
-    def read(text: str) -> int:
-        if not text.lstrip("-+").isdecimal() or not least <= int(text) < 2**31:
-            raise argparse.ArgumentTypeError(f"must be a whole number from {least} on. Got {text}.")
-        return int(text)
+    def read(text: str) -> float:
+        with suppress(ValueError):
+            if least <= kind(text) < 2**31:
+                return kind(text)
+        rule = "a whole number" if kind is int else "a number"
+        raise argparse.ArgumentTypeError(f"must be {rule} from {least:g} on. Got {text}.")
 
     return read
-
-
-def _positive(text: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = 0.0
-    if not (isfinite(value) and value > 0.0):
-        raise argparse.ArgumentTypeError(f"must be positive. Got {text}.")
-    return value
 
 
 def _city(options: argparse.Namespace) -> CityConfig:

@@ -1,6 +1,6 @@
 """Driving episodes and comparing short drives from the same state."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
@@ -77,34 +77,22 @@ def compare_paths(
     return np.asarray(np.linalg.norm(path - pose[1:, :2], axis=1))
 
 
-def spread_steps(
-    lengths: Sequence[int], states: int, horizon: int, rng: np.random.Generator
-) -> list[list[int]]:
-    """Draw the states that paths are compared from: equally many per episode, spread over it.
-
-    Of each episode (its length in steps) the chosen steps, increasing, each drawn from its own
-    equal share of the episode with `horizon` steps left; fewer than `states` where too short.
-    """
-    usable = [max(0, length - horizon + 1) for length in lengths]
-    long_enough = [i for i, room in enumerate(usable) if room > 0]
-    steps: list[list[int]] = [[] for _ in lengths]
-    for position, episode in enumerate(long_enough):
-        share = states * (position + 1) // len(long_enough) - states * position // len(long_enough)
-        bounds = np.linspace(0, usable[episode], min(share, usable[episode]) + 1).astype(int)
-        steps[episode] = rng.integers(bounds[:-1], bounds[1:]).tolist()
-    return steps
-
-
 def stretches(
     drives: Mapping[int, Array], states: int, horizon: int, rng: np.random.Generator
 ) -> list[tuple[int, int, Array]]:
-    """States of the expert's drives (seed: poses) to compare paths from: seed, step, pose."""
-    steps = spread_steps([len(pose) - 1 for pose in drives.values()], states, horizon, rng)
-    return [
-        (seed, step, pose[step : step + 1 + horizon])
-        for (seed, pose), chosen in zip(drives.items(), steps, strict=True)
-        for step in chosen
-    ]
+    """Draw where the expert's drives (seed: poses) are compared with: seed, step, pose.
+
+    Equally many per drive that is long enough, each from its own equal share of the drive with
+    `horizon` steps left; fewer than `states` where the drives are too short.
+    """
+    usable = {seed: len(pose) - horizon for seed, pose in drives.items() if len(pose) > horizon}
+    drawn = []
+    for place, (seed, room) in enumerate(usable.items()):
+        share = states * (place + 1) // len(usable) - states * place // len(usable)
+        bounds = np.linspace(0, room, min(share, room) + 1).astype(int)
+        for step in rng.integers(bounds[:-1], bounds[1:]).tolist():
+            drawn.append((seed, step, drives[seed][step : step + 1 + horizon]))
+    return drawn
 
 
 def _restore(

@@ -8,7 +8,7 @@ import pytest
 from irl_dal.build import build_loop, build_planner, expert_supervision, supervision
 from irl_dal.evaluation.agents import ExpertAgent, RandomAgent, StepResult
 from irl_dal.evaluation.episode import Episode
-from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, spread_steps
+from irl_dal.evaluation.rollout import compare_paths, drive_episode, drive_expert, stretches
 from irl_dal.loop import ControlLoop, Observation
 from tests.irl_dal.evaluation.small import small_config, small_rig
 
@@ -165,11 +165,13 @@ def test_a_state_without_road_behind_it_is_refused() -> None:
 
 def test_states_are_spread_over_episodes() -> None:
     """As many as asked for, equally many per long enough episode, each with its horizon left."""
-    lengths, horizon = [300, 20, 450], 50
-    steps = spread_steps(lengths, 100, horizon, np.random.default_rng(0))
-    assert [len(chosen) for chosen in steps] == [50, 0, 50]
-    for length, chosen in zip(lengths, steps, strict=True):
+    drives, horizon = {n: np.full((n + 1, 3), n) for n in (300, 20, 450)}, 50
+    drawn = stretches(drives, 100, horizon, np.random.default_rng(0))
+    steps = {n: [step for seed, step, _ in drawn if seed == n] for n in drives}
+    assert {n: len(chosen) for n, chosen in steps.items()} == {300: 50, 20: 0, 450: 50}
+    for length, chosen in steps.items():
         assert chosen == sorted(set(chosen))
         assert all(0 <= step <= length - horizon for step in chosen)
-    assert max(steps[2]) > 350 and min(steps[2]) < 50
-    assert spread_steps([], 100, horizon, np.random.default_rng(0)) == []
+    assert max(steps[450]) > 350 and min(steps[450]) < 50
+    assert all(pose.shape == (horizon + 1, 3) and (pose == seed).all() for seed, _, pose in drawn)
+    assert stretches({}, 100, horizon, np.random.default_rng(0)) == []
