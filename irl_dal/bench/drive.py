@@ -56,8 +56,7 @@ def drives(
 
     On a track the n-th episode takes the n-th stretch.
     """
-    with Workers(config, spec, jobs, console) as workers:
-        return workers.map(what, _drive, list(enumerate(seeds)))
+    return Workers(config, spec, jobs, console).map(what, _drive, list(enumerate(seeds)))
 
 
 def outcome_table(title: str, groups: Mapping[str, Sequence[Drive]]) -> Table:

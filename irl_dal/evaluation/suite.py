@@ -54,7 +54,8 @@ def evaluate(
         **provenance(config),
     }
     try:
-        with kept.until_complete(), Workers(config, spec, jobs, console) as workers:
+        with kept.until_complete():
+            workers = Workers(config, spec, jobs, console)
             episodes, report = _measure(config, spec, workers, kept, _references(config, runs))
     except KeyboardInterrupt:
         count = kept.count()

@@ -1,11 +1,10 @@
 """Processes that drive, and a progress bar."""
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
+from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from joblib import Parallel, delayed
@@ -24,22 +23,14 @@ CHUNK = 4
 while, few enough to share out."""
 
 
+@dataclass(frozen=True, slots=True)
 class Workers:
     """Spreads work over `jobs` processes, each with a rig of its own, and shows how far it is."""
 
-    def __init__(
-        self, config: RunConfig, spec: AgentSpec, jobs: int, console: Console | None
-    ) -> None:
-        self._subject = (config, spec)
-        self._jobs = jobs
-        self._progress = progress_bar(console)
-
-    def __enter__(self) -> Workers:
-        self._progress.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._progress.stop()
+    config: RunConfig
+    spec: AgentSpec
+    jobs: int
+    console: Console | None = None
 
     def map(
         self,
@@ -60,15 +51,16 @@ class Workers:
             for item, result in zip(items, known, strict=True)
             if result is None
         ]
-        chunks = in_parts(calls, len(calls), self._jobs)
-        task = self._progress.add_task(what, total=len(items), completed=len(items) - len(calls))
+        parts = in_parts(calls, len(calls), self.jobs)
         results: list[Any] = []
-        parallel = Parallel(n_jobs=min(self._jobs, len(chunks)) or 1, return_as="generator")
-        with without_interrupts():
-            running = parallel(delayed(_work)(*self._subject, chunk) for chunk in chunks)
-        for done in running:
-            results += done
-            self._progress.advance(task, len(done))
+        parallel = Parallel(n_jobs=min(self.jobs, len(parts)) or 1, return_as="generator")
+        with progress_bar(self.console) as bar:
+            task = bar.add_task(what, total=len(items), completed=len(items) - len(calls))
+            with without_interrupts():
+                running = parallel(delayed(_work)(self.config, self.spec, part) for part in parts)
+            for done in running:
+                results += done
+                bar.advance(task, len(done))
         new = iter(results)
         return [next(new) if result is None else result for result in known]
 

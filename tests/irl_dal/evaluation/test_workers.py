@@ -31,9 +31,9 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
     store = ResultStore(tmp_path / "kept")
 
     def work(store: ResultStore) -> list[int]:
-        with Workers(small_config(), AgentSpec("random"), jobs, None) as workers:
-            results = workers.map("noting", note, items, store, lambda item: str(item[1]))
-            return [result["number"] for result in results]
+        workers = Workers(small_config(), AgentSpec("random"), jobs)
+        results = workers.map("noting", note, items, store, lambda item: str(item[1]))
+        return [result["number"] for result in results]
 
     with pytest.raises(RuntimeError, match="on purpose"):
         work(store)
@@ -41,8 +41,8 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
     assert work(store) == [1, 2, 3, 4] == work(store)
     seen = (tmp_path / "log").read_text().split()
     assert seen.count("4") == 2 and seen.count("1") == 1
-    with Workers(small_config(), AgentSpec("random"), jobs, None) as workers:
-        assert [done["number"] for done in workers.map("noting", note, items)] == [1, 2, 3, 4]
+    workers = Workers(small_config(), AgentSpec("random"), jobs)
+    assert [done["number"] for done in workers.map("noting", note, items)] == [1, 2, 3, 4]
     assert (tmp_path / "log").read_text().split().count("1") == 2
 
 
