@@ -1,11 +1,9 @@
 """What a comparison is asked to do, and its settings: one checkpoint under each supervision."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from pydantic import TypeAdapter, ValidationError
 
@@ -87,9 +85,9 @@ class Setting:
         return f"{self.projection}{shield}" + ("" if self.guided else ", unguided")
 
     @property
-    def baseline(self) -> Setting:
+    def baseline(self) -> Self:
         """Pure diffusion under the same activation."""
-        return Setting(self.activation, "none", shielded=False)
+        return replace(self, projection="none", shielded=False, guided=True)
 
     def configure(self, config: RunConfig, candidates: int | None = None) -> RunConfig:
         """A run's configuration under this supervision."""

@@ -1,10 +1,8 @@
 """What one process needs to drive: the loop, the agent, and the expert's own supervision."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 from irl_dal.build import build_loop, build_planner, expert_supervision, load_run, supervision
 from irl_dal.config import RunConfig
@@ -41,7 +39,7 @@ class Rig:
     reference: Supervision  # of the expert and of the random reference
 
     @classmethod
-    def build(cls, config: RunConfig, spec: AgentSpec, render_mode: str | None = None) -> Rig:
+    def build(cls, config: RunConfig, spec: AgentSpec, render_mode: str | None = None) -> Self:
         """Build everything; a CheckpointError if the run has no checkpoint that can be used."""
         planner = build_planner(config) if spec.policy == "run" else None
         loop = build_loop(config, supervision(config, planner), render_mode=render_mode)

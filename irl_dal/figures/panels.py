@@ -1,12 +1,10 @@
 """What films are made of: frames, plots of the commands, words about trigger and shield, a file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import imageio.v2 as imageio
 import numpy as np
@@ -77,7 +75,7 @@ class FilmFrame:
     triggered: bool  # whether the planner was used
 
     @classmethod
-    def of(cls, time: float, info: Mapping[str, Any]) -> FilmFrame:
+    def of(cls, time: float, info: Mapping[str, Any]) -> Self:
         """Take it from `info`; after a reset nothing was commanded yet."""
         start = info["context"].previous
         return cls(

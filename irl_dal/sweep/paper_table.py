@@ -1,10 +1,8 @@
 """The paper's Table I with ours beside it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 from rich.table import Table
@@ -143,7 +141,7 @@ class MarkedPage(NamedTuple):
     after: str  # text from the second marker on
 
     @classmethod
-    def read(cls, path: Path) -> MarkedPage:
+    def read(cls, path: Path) -> Self:
         """Read a page; a ConfigError if it is missing, cannot be read or lacks the markers."""
         where = f"page = {str(path)!r}"
         try:
