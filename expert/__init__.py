@@ -2,7 +2,6 @@
 
 from expert.fsm import ExpertConfig, ExpertDecision, FSMExpert
 from expert.lane_map import LaneMap
-from expert.longitudinal import LongitudinalConfig
 from expert.modes import Mode
 from expert.replay import ReplayBuffer
 
@@ -11,7 +10,6 @@ __all__ = [
     "ExpertDecision",
     "FSMExpert",
     "LaneMap",
-    "LongitudinalConfig",
     "Mode",
     "ReplayBuffer",
 ]

@@ -107,7 +107,7 @@ class ReplayBuffer:
             self._data[name] = np.zeros(capacity, np.int64)
         for name in ("terminated", "intervened", "expert_drove"):
             self._data[name] = np.zeros(capacity, np.bool_)
-        self._following, self._preceding = np.full((2, capacity), -1, np.int64)
+        self._following = np.full(capacity, -1, np.int64)
         self._queues: dict[Mode, deque[int]] = {mode: deque() for mode in Mode}
         self._cache: dict[tuple[object, ...], list[Indices]] = {}
         self._size = 0
@@ -244,7 +244,6 @@ class ReplayBuffer:
         latest = self._latest.get(episode, -1)
         joined = latest >= 0 and step[latest] + 1 == step[slot]
         self._following[slot] = -1
-        self._preceding[slot] = latest if joined else -1
         if joined:
             self._following[latest] = slot
         self._latest[episode] = slot
@@ -252,11 +251,7 @@ class ReplayBuffer:
     def _evict(self) -> int:
         fullest = max(self._queues.values(), key=len)
         slot = fullest.popleft()
-        before, after = self._preceding[slot], self._following[slot]
-        if before >= 0:
-            self._following[before] = -1
-        if after >= 0:
-            self._preceding[after] = -1
+        self._following[self._following == slot] = -1
         episode = int(self._data["episode"][slot])
         if self._latest.get(episode) == slot:
             del self._latest[episode]

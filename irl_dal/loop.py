@@ -121,7 +121,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         return observation, info
 
     def restart_supervision(self, seed: int | None = None) -> None:
-        """Let planner, blend and shield forget the past, and go on from the last command.
+        """Let planner and shield forget the past, and go on from the last command.
 
         Without a seed the planner's random stream stays where it is.
         """
@@ -130,7 +130,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             if seed is not None:
                 planner.generator.manual_seed(seed)
             planner.reset()
-            planner.blend.reset()
         if shield is not None:
             shield.reset(self._previous)
 

@@ -56,7 +56,6 @@ class CityConfig:
     faults: FaultConfig = field(default_factory=FaultConfig)  # Or a mapping of it
 
     def __post_init__(self) -> None:
-        """Take mappings for the nested parts and check every field."""
         parts = {"vehicle": VehicleGeometry, "reward": RewardConfig, "faults": FaultConfig}
         for name, kind in parts.items():
             object.__setattr__(self, name, nested(name, kind, getattr(self, name), ValueError))

@@ -38,7 +38,6 @@ class FaultConfig:
     servo_rate: float = SERVO_RATE
 
     def __post_init__(self) -> None:
-        """Check every field."""
         check_ranges(self, RANGES)
 
 

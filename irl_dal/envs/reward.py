@@ -36,7 +36,6 @@ class RewardConfig:
     goal: float = 20.0  # Gain for the goal, once
 
     def __post_init__(self) -> None:
-        """Check every weight."""
         check_ranges(self, RANGES)
 
 

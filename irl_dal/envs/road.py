@@ -60,7 +60,7 @@ class Road:
         heading: Its direction (n,) [rad], without jumps of 2 pi.
         curvature: Its curvature (n,) [1/m].
         length: Distance from start to goal [m].
-        left_edge: `d` of the left-hand edge (n,) [m]; None for `HALF_WIDTH`.
+        left_edge: `d` of the left-hand edge (n,) [m], or of all of it.
     """
 
     def __init__(
@@ -69,15 +69,14 @@ class Road:
         heading: Array,
         curvature: Array,
         length: float,
-        left_edge: Array | None = None,
+        left_edge: float | Array = HALF_WIDTH,
     ) -> None:
         self.length = length
         self.s: Array = SPACING * np.arange(len(curvature), dtype=np.float64) - LEAD_IN
         self.points: Array = np.array(points, dtype=np.float64)
         self.heading: Array = np.array(heading, dtype=np.float64)
         self.curvature: Array = np.array(curvature, dtype=np.float64)
-        wide = np.full(len(curvature), HALF_WIDTH)
-        self.left_edge: Array = wide if left_edge is None else np.array(left_edge)
+        self.left_edge: Array = np.full(len(curvature), left_edge)
         for array in (self.s, self.points, self.heading, self.curvature, self.left_edge):
             array.setflags(write=False)
 

@@ -8,7 +8,6 @@ enters the ego's lanes only where the ego can stop before the crossing at 2 m/s^
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
 
 import numpy as np
 
@@ -110,10 +109,6 @@ class Obstacle:
     bodies: tuple[tuple[int, float, float], ...] = ()
     crossing: Crossing | None = None  # The way of a pedestrian across the road
 
-    def is_hidden_by(self, car: Self) -> bool:
-        """Whether a slow car hides a pedestrian here from the ego."""
-        return car.cruise > 0.0 and -HIDDEN_AHEAD < self.s - car.s < HIDING
-
 
 @dataclass(frozen=True, slots=True)
 class TrafficDensity:
@@ -159,7 +154,9 @@ class Traffic:
         for obstacle in self.obstacles:
             if obstacle.crossing is not None:
                 gap = obstacle.s - ego.s - self._vehicle.front_bumper
-                wait = any(map(obstacle.is_hidden_by, self.obstacles))
+                # Behind a slow car the ego cannot see the pedestrian.
+                slow = [other.s for other in self.obstacles if other.cruise > 0.0]
+                wait = any(-HIDDEN_AHEAD < obstacle.s - s < HIDING for s in slow)
                 obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
                 continue

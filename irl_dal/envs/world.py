@@ -108,16 +108,13 @@ class World:
     def __init__(self) -> None:
         self.bullet = _Client()
         self.is_open = True
-        self._step = math.nan
         self._vertices, self._normals = _Lent(), _Lent()
         self._indices: list[int] = []
 
     def clear(self) -> None:
         """Remove every body and start again with gravity and flat, invisible ground."""
         self.bullet.resetSimulation()
-        self._step = math.nan
         self.bullet.setGravity(0.0, 0.0, -GRAVITY)
-        self._set_step(MAX_PHYSICS_STEP)
         self.bullet.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1, numSolverIterations=SOLVER_ITERATIONS
         )
@@ -145,15 +142,9 @@ class World:
     def step(self, duration: float) -> None:
         """Advance the physics by exactly `duration` [s], in the fewest equal steps."""
         count = max(1, math.ceil(duration / MAX_PHYSICS_STEP - ROUNDING))
-        self._set_step(duration / count)
+        self.bullet.setPhysicsEngineParameter(fixedTimeStep=duration / count)
         for _ in range(count):
             self.bullet.stepSimulation()
-
-    def _set_step(self, step: float) -> None:
-        """Let one step of the engine last `step` [s]."""
-        if step != self._step:
-            self.bullet.setPhysicsEngineParameter(fixedTimeStep=step)
-            self._step = step
 
     def box(self, size: Sequence[float], colour: Colour, *, solid: bool = True) -> int:
         """Add a static box of edge lengths `size` (3,) [m], to be placed with `move`."""

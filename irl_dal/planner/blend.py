@@ -38,10 +38,10 @@ class BlendConfig:
     smooth_critical: bool = False
 
     def __post_init__(self) -> None:
-        for name in ("distance_scale", "deviation_scale"):
-            check_positive(ValueError, **{name: getattr(self, name)})
-        for name in ("critical_clearance", "deviation_gain"):
-            check_within(ValueError, 0.0, math.inf, **{name: getattr(self, name)})
+        scales = {"distance_scale": self.distance_scale, "deviation_scale": self.deviation_scale}
+        check_positive(ValueError, **scales)
+        critical, gain = self.critical_clearance, self.deviation_gain
+        check_within(ValueError, 0.0, math.inf, critical_clearance=critical, deviation_gain=gain)
         check_within(ValueError, 0.0, 1.0, base=self.base)
 
 

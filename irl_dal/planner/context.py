@@ -91,17 +91,16 @@ class PlanningContext:
     @property
     def finite(self) -> bool:
         """Whether everything that a plan uses is a finite number."""
-        numbers = [self.speed]
-        if self.clearance.valid:
-            numbers += [self.clearance.clearance, self.clearance.closing_speed, self.clearance.std]
-        if self.lane.valid:
-            lane = self.lane
+        near, lane = self.clearance, self.lane
+        numbers = [self.speed, *self.scan, *self.previous]
+        if near.valid:
+            numbers += [near.clearance, near.closing_speed, near.std]
+        if lane.valid:
             numbers += [lane.lateral_offset, lane.heading_error, lane.curvature]
             numbers += [lane.curvature_rate, lane.offset_std]
-        arrays = [self.scan, self.previous, np.array(numbers)]
         if self.expert_reference is not None:
-            arrays.append(self.expert_reference)
-        return all(bool(np.isfinite(array).all()) for array in arrays)
+            numbers += self.expert_reference.ravel().tolist()
+        return bool(np.isfinite(numbers).all())
 
     def encode(self) -> NDArray[np.float32]:
         """The paper's c_t (64,) float32.
