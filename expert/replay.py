@@ -10,6 +10,7 @@
 Storage is reserved at once but costs memory only as it fills: `np.zeros` commits on first write.
 """
 
+import math
 from collections import deque
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, fields
@@ -19,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from expert.modes import Mode
+from shield.errors import check_within
 
 Indices = NDArray[np.int64]
 
@@ -89,10 +91,8 @@ class ReplayBuffer:
         context_size: int = 64,
         held_out_every: int = 10,
     ) -> None:
-        sizes = {"capacity": (capacity, 1), "horizon": (horizon, 1)}
-        for name, (value, least) in {**sizes, "held_out_every": (held_out_every, 2)}.items():
-            if value < least:
-                raise ValueError(f"`{name}` must be at least {least}. Got {value}.")
+        check_within(ValueError, 1, math.inf, capacity=capacity, horizon=horizon)
+        check_within(ValueError, 2, math.inf, held_out_every=held_out_every)
         self.capacity, self.horizon = capacity, horizon
         self.held_out_every = held_out_every
         self._data: dict[str, NDArray[Any]] = {

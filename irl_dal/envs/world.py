@@ -115,8 +115,11 @@ class World:
         """Remove every body and start again with gravity and flat, invisible ground."""
         self.bullet.resetSimulation()
         self.bullet.setGravity(0.0, 0.0, -GRAVITY)
+        # The motors' impulses are reckoned with the step that holds when they are set.
         self.bullet.setPhysicsEngineParameter(
-            deterministicOverlappingPairs=1, numSolverIterations=SOLVER_ITERATIONS
+            fixedTimeStep=MAX_PHYSICS_STEP,
+            deterministicOverlappingPairs=1,
+            numSolverIterations=SOLVER_ITERATIONS,
         )
         plane = self.bullet.createCollisionShape(pybullet.GEOM_PLANE)
         # Without a visual shape of its own the engine would draw the plane.

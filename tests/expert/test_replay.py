@@ -230,9 +230,9 @@ def test_restore_refuses_shards_that_are_not_enough() -> None:
 
 def test_wrong_shapes_and_sizes_are_refused() -> None:
     """Every refusal names the argument and shows the value."""
-    with pytest.raises(ValueError, match="`capacity` must be at least 1. Got 0"):
+    with pytest.raises(ValueError, match="`capacity` must be .*at least 1. Got 0"):
         ReplayBuffer(0)
-    with pytest.raises(ValueError, match="`held_out_every` must be at least 2. Got 1"):
+    with pytest.raises(ValueError, match="`held_out_every` must be .*at least 2. Got 1"):
         small_buffer(held_out_every=1)
     buffer = ReplayBuffer(10)
     with pytest.raises(ValueError, match=r"`image` must have shape \(64, 64, 3\)"):

@@ -60,7 +60,6 @@ class LaneEnergy(Energy):
             self.scale.to_command(actions),
             self._start,
             self._centres,
-            PREVIEW,
             self.weight / self.config.lane_scale**2,
             self.limits.wheelbase,
             self.limits.dt,
@@ -70,13 +69,7 @@ class LaneEnergy(Energy):
 
 @compiled
 def _deviation(
-    commands: Array,
-    start: LanePose,
-    centres: Array,
-    preview: float,
-    weight: float,
-    wheelbase: float,
-    dt: float,
+    commands: Array, start: LanePose, centres: Array, weight: float, wheelbase: float, dt: float
 ) -> tuple[Array, Array]:
     """`weight` times the mean over H of (e_i - c)^2, and its derivative per command."""
     road = road_rollout(commands, wheelbase, dt, start)
@@ -84,14 +77,14 @@ def _deviation(
     value = np.zeros(batch)
     doffset, dheading = np.empty((batch, horizon)), np.empty((batch, horizon))
     for b in range(batch):
-        end = road.offset[b, -1] + preview * commands[b, -1, 1] * math.sin(road.heading[b, -1])
+        end = road.offset[b, -1] + PREVIEW * commands[b, -1, 1] * math.sin(road.heading[b, -1])
         centre = centres[np.argmin(np.abs(end - centres))]  # a constant for the gradient
         for i in range(horizon):
-            seen = preview * commands[b, i, 1]
+            seen = PREVIEW * commands[b, i, 1]
             error = road.offset[b, i] + seen * math.sin(road.heading[b, i]) - centre
             value[b] += weight / horizon * error * error
             doffset[b, i] = 2.0 * weight / horizon * error
             dheading[b, i] = doffset[b, i] * seen * math.cos(road.heading[b, i])
     gradient = road_gradient(road, doffset, dheading)
-    gradient[..., 1] += preview * doffset * np.sin(road.heading)
+    gradient[..., 1] += PREVIEW * doffset * np.sin(road.heading)
     return value, gradient
