@@ -3,7 +3,6 @@
 from expert.fsm import ExpertConfig, ExpertDecision, FSMExpert
 from expert.lane_map import LaneMap
 from expert.modes import Mode
-from expert.replay import ReplayBuffer
 
 __all__ = [
     "ExpertConfig",
@@ -11,5 +10,4 @@ __all__ = [
     "FSMExpert",
     "LaneMap",
     "Mode",
-    "ReplayBuffer",
 ]

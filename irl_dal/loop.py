@@ -40,7 +40,7 @@ from shield import (
     TriggerConfig,
 )
 
-__all__ = ["SOURCES", "ControlLoop", "Info", "Observation", "Supervision"]
+__all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
 
 CREEP_SPEED = 2.0  # [m/s] least speed of a stalled car's command: walking pace, enough to get away
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield

@@ -29,10 +29,8 @@ class Lidar:
         ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
         origin = np.array([state.x, state.y]) + (self._mount + self.GAP) * ahead
         bearing = state.yaw + self.angles
-        ends = np.empty((len(bearing), 3))
-        ends[:, 0] = origin[0] + self.max_range * np.cos(bearing)
-        ends[:, 1] = origin[1] + self.max_range * np.sin(bearing)
-        ends[:, 2] = self.HEIGHT
+        flat = origin + self.max_range * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
+        ends = np.insert(flat, 2, self.HEIGHT, axis=1)
         return self.max_range * self._world.rays(np.append(origin, self.HEIGHT), ends)
 
     def measure(self, scan: Array, rng: np.random.Generator) -> NDArray[np.float32]:

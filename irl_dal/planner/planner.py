@@ -133,39 +133,23 @@ class DiffusionPlanner:
         target = chunks if self.config.prediction == "x0" else noise
         return nn.functional.mse_loss(predicted, target)
 
+    @np.errstate(all="ignore")  # absurd but finite values overflow, which is noticed at the end
     def plan(self, context: PlanningContext, watchers: Sequence[Refinement] = ()) -> Plan:
         """Plan from a context; a fallback with a reason when there is no usable sample.
 
         Watchers see each estimate and iterate after guidance and projection. `ValueError` where the
         context's expert reference has another horizon.
         """
+        begin = time.perf_counter()
         reference, horizon = context.expert_reference, self.config.horizon
         if reference is not None and len(reference) != horizon:
             raise ValueError(
                 f"`expert_reference` must have shape ({horizon}, 2). Got {reference.shape}."
             )
-        # Absurd but finite values overflow into a sample that is no number, and that is noticed.
-        with np.errstate(all="ignore"):
-            return self._plan(context, watchers, time.perf_counter())
-
-    def project_command(self, command: Array, previous: Array) -> Array:
-        """The nearest command (2,) within one step's bounds, in a mode that ends in a projection.
-
-        A blend of an admissible and an inadmissible command is inadmissible, and the further the
-        second is away, the less the first matters: such a mode blends the plan with what the policy
-        could do in the same step. Without a shield everything executed is projected, so that the
-        next plan starts from an admissible command. Mode `none` leaves commands as they are.
-        """
-        if self.config.projection == "none":
-            return command
-        return self._step_projector.project(command[None], previous).actions[0].copy()
-
-    def _plan(self, context: PlanningContext, watchers: Sequence[Refinement], begin: float) -> Plan:
-        """`plan` of a context of the right shape, begun at `begin` [s]."""
         self.counts["plans"] += 1
         if not context.finite:
             return self._fall_back(context, "context", "the context is not finite", begin)
-        energy = TotalEnergy(context, self.config.energy, self.limits, self.config.horizon)
+        energy = TotalEnergy(context, self.config.energy, self.limits, horizon)
         guidance = Guidance(energy, self.config.guidance)
         projection = PlanProjection(self.config.projection, self._projector, context.previous)
         estimate = self._sample(context, (guidance, projection, *watchers), begin)
@@ -179,6 +163,18 @@ class DiffusionPlanner:
         if not (np.isfinite(projected.actions).all() and np.isfinite(projected.nominal).all()):
             return self._fall_back(context, "sample", "the sample is not finite", begin)
         return self._select(energy, energy_before, projected, begin)
+
+    def project_command(self, command: Array, previous: Array) -> Array:
+        """The nearest command (2,) within one step's bounds, in a mode that ends in a projection.
+
+        A blend of an admissible and an inadmissible command is inadmissible, and the further the
+        second is away, the less the first matters: such a mode blends the plan with what the policy
+        could do in the same step. Without a shield everything executed is projected, so that the
+        next plan starts from an admissible command. Mode `none` leaves commands as they are.
+        """
+        if self.config.projection == "none":
+            return command
+        return self._step_projector.project(command[None], previous).actions[0].copy()
 
     def _sample(
         self, context: PlanningContext, stages: tuple[Refinement, ...], begin: float

@@ -8,15 +8,10 @@ import torch
 from numpy.typing import NDArray
 from torch import Tensor
 
-from irl_dal.planner import (
-    DiffusionPlanner,
-    Guidance,
-    NoiseSchedule,
-    PlanningContext,
-    PlanProjection,
-    TotalEnergy,
-)
+from irl_dal.planner import DiffusionPlanner, Guidance, PlanningContext, TotalEnergy
 from irl_dal.planner.config import CLIP
+from irl_dal.planner.noise_schedule import NoiseSchedule
+from irl_dal.planner.projection import PlanProjection
 from shield import HorizonProjector
 
 __all__ = ["PlainLoop"]

@@ -3,7 +3,7 @@ import math
 import numpy as np
 import pytest
 
-from irl_dal.planner import ActionBlend, BlendConfig
+from irl_dal.planner.blend import ActionBlend, BlendConfig
 
 
 def test_table_ii_is_the_default() -> None:
