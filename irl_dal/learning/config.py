@@ -22,8 +22,9 @@ class LearningConfig:
     imitation_steps: int = 20_000  # N_imitation, steps that the expert drives
     mixed_steps: int = 30_000  # N_mixed, steps that the policy drives
     # Cars that drive beside each other (not in the paper); in phase 2 each drives its share of
-    # PPO's `n_steps`.
-    n_envs: int = 2
+    # PPO's `n_steps`. Two per core: while one waits for the policy's next action, or for a slower
+    # car, another one drives (docs/decisions/rollouts.md).
+    n_envs: int = 4
     buffer_capacity: int = 50_000  # transitions in the replay buffer over all modes
     bc_interval_imitation: int = 1_000  # steps between two behaviour cloning updates in phase 1
     bc_interval_mixed: int = 500  # the same in phase 2

@@ -26,8 +26,8 @@ from shield import Status
 __all__ = ["Driver", "DriverProcesses", "demonstrations"]
 
 # [steps] of a demonstration that each car drives before it waits for the others: slow and fast ones
-# even out, and two cars are done when the next planner update is due (Table II: every 500 steps).
-BLOCK = 250
+# even out, and four cars are done when the next planner update is due (Table II: every 500 steps).
+BLOCK = 125
 
 
 class Driver(gymnasium.Env[Observation, NDArray[Any]]):

@@ -25,6 +25,7 @@ from shield import ActuatorLimits, SafetyFilter, TriggerConfig
 SHORT = LearningConfig(
     imitation_steps=120,
     mixed_steps=80,
+    n_envs=2,
     bc_interval_imitation=60,
     bc_interval_mixed=40,
     diffusion_interval=40,
