@@ -213,9 +213,12 @@ def test_a_checkpoint_of_another_configuration_is_refused(
         new_pipeline(tmp_path, config, provenance={"config_hash": "bbb"}).restore()
 
 
-def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
-    """BC, planner, discriminator and SyncFeatures at the multiples of their intervals."""
-    pipeline = new_pipeline(tmp_path)
+@pytest.mark.parametrize(("cars", "discriminator"), [(2, [150, 180]), (4, [152, 180])])
+def test_updates_come_when_the_paper_says(
+    tmp_path: Path, cars: int, discriminator: list[int]
+) -> None:
+    """At the multiples of their intervals, or where all cars have first driven beyond them."""
+    pipeline = new_pipeline(tmp_path, replace(SHORT, n_envs=cars))
     learners = pipeline.learners
     calls: dict[str, list[int]] = {}
     for name in ("clone", "train_planner", "train_discriminator", "sync_features"):
@@ -230,7 +233,7 @@ def test_updates_come_when_the_paper_says(tmp_path: Path) -> None:
     pipeline.run()
     assert calls["clone"] == [60, 120, 160, 200]
     assert calls["train_planner"] == [40, 80, 120, 160]
-    assert calls["train_discriminator"] == [150, 180]
+    assert calls["train_discriminator"] == discriminator
     assert calls["sync_features"] == [140, 160, 180]
 
 
