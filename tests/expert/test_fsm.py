@@ -1,5 +1,7 @@
 """The state machine goes through its four modes and drives the real city."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -8,10 +10,10 @@ from irl_dal.envs import CityConfig, CityEnv
 from shield import ActuatorLimits, LaneTracker
 
 
-def episode(
-    seed: int, config: CityConfig
-) -> tuple[dict[str, object], list[Mode], list[np.ndarray]]:
+@cache
+def episode(seed: int) -> tuple[dict[str, object], list[Mode], list[np.ndarray]]:
     """Drive an episode by the expert's commands: last info, modes, commands."""
+    config = CityConfig()
     env = CityEnv(config)
     env.camera_on = False
     expert, tracker = FSMExpert(ExpertConfig(), env.limits), LaneTracker(env.limits.dt)
@@ -32,18 +34,23 @@ def episode(
     return info, modes, commands
 
 
-@pytest.mark.parametrize("seed", range(500, 506))
+SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(502, 506)]
+
+
+@pytest.mark.xdist_group("expert")
+@pytest.mark.parametrize("seed", [500, 501, *SLOW])
 def test_reaches_the_goal(seed: int) -> None:
     """A whole drive in the default city, without touching anything."""
-    info, modes, _ = episode(seed, CityConfig())
+    info, modes, _ = episode(seed)
     assert info["success"]
     assert set(modes) == set(Mode)
 
 
+@pytest.mark.xdist_group("expert")
 def test_commands_are_slew_limited() -> None:
     """Successive commands differ by no more than the rates allow."""
     limits = ActuatorLimits()
-    _, _, commands = episode(510, CityConfig())
+    _, _, commands = episode(500)
     steps = np.diff(np.array(commands), axis=0)
     assert np.abs(steps[:, 0]).max() <= limits.max_steering_rate * limits.dt + 1e-12
     assert steps[:, 1].max() <= limits.max_acceleration * limits.dt + 1e-12

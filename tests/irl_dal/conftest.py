@@ -12,6 +12,7 @@ from irl_dal.comparison.experiment import compare
 from irl_dal.figures.comparison_page import write_comparison_page
 from irl_dal.storage.atomic import write_json
 from tests.irl_dal.comparison.tiny import tiny_job, untrained_run
+from tests.irl_dal.tiny_run import sweep
 
 Console = Callable[..., str]
 
@@ -34,6 +35,14 @@ def console(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str])
         return capsys.readouterr().out
 
     return run
+
+
+@pytest.fixture(scope="session")
+def swept(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a sweep over two variants; whoever changes a run copies it."""
+    folder = tmp_path_factory.mktemp("sweep")
+    sweep(folder)
+    return folder / "runs"
 
 
 @dataclass(frozen=True)

@@ -19,38 +19,8 @@ from irl_dal.learning.run_log import read_metrics
 from irl_dal.storage.checkpoint import run_lock
 from irl_dal.storage.run_folder import open_run
 
-TINY = (
-    "preset=smoke",
-    "env.route_length=80",
-    "env.route_spread=0",
-    "env.time_limit=4",
-    "learning.imitation_steps=96",
-    "learning.mixed_steps=32",
-    "learning.ppo.n_steps=32",
-    "learning.ppo.batch_size=32",
-    "learning.bc_interval_imitation=48",
-    "learning.bc_interval_mixed=16",
-    "learning.diffusion_interval=48",
-    "learning.discriminator_interval=16",
-    "learning.sync_interval=16",
-    "learning.checkpoint_interval=48",
-    "learning.log_interval=16",
-    "learning.critic_steps=2",
-    "learning.cloning.batch_size=16",
-    "learning.cloning.steps_imitation=3",
-    "learning.cloning.steps_mixed=2",
-    "learning.diffusion.steps_imitation=3",
-    "learning.diffusion.steps_mixed=2",
-    "learning.discriminator.steps=2",
-    "learning.discriminator.samples=16",
-    "shield.trigger.clearance=15",
-    "evaluation.n_jobs=1",
-    "evaluation.path_states=2",
-    "evaluation.video_duration=0.3",
-)
-"""A training of 128 steps that triggers the planner often."""
-
 Call = Callable[..., str]
+pytestmark = pytest.mark.xdist_group("runs")  # share two trainings
 
 
 @pytest.fixture
@@ -61,13 +31,10 @@ def call(console: Call) -> Call:
 
 
 @pytest.fixture(scope="module")
-def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a complete tiny run."""
+def trained(swept: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete tiny run, which these tests may change."""
     folder = tmp_path_factory.mktemp("commands") / "runs" / "tiny"
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("irl_dal.evaluation.suite.PATH_DURATION", 1.0)
-        patch.setattr(sys, "argv", ["train", *TINY, "seed=3", f"run_dir={folder}"])
-        train.main()
+    shutil.copytree(swept / "shielded-seed3", folder)
     return folder
 
 
@@ -153,8 +120,9 @@ def test_an_interrupted_evaluation_goes_on(
 def test_ctrl_c_is_one_line_and_ends_the_processes(tmp_path: Path) -> None:
     """Sent to the whole group, as a terminal does, while two processes drive."""
     root = Path(train.__file__).resolve().parents[1]
+    extent = ("policy=random", "episodes=400", "n_jobs=2", "env.time_limit=1")
     process = subprocess.Popen(
-        [sys.executable, "-m", "irl_dal.evaluate", "policy=random", "episodes=400", "n_jobs=2"],
+        [sys.executable, "-m", "irl_dal.evaluate", *extent],
         cwd=tmp_path,
         env={**os.environ, "PYTHONPATH": str(root)},
         stdout=subprocess.PIPE,

@@ -3,11 +3,15 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 
 from irl_dal import compare
-from tests.irl_dal.comparison.tiny import tiny_config, untrained_run
+from tests.irl_dal.comparison.tiny import TINY, tiny_config, untrained_run
+from tests.irl_dal.conftest import Compared
+
+pytestmark = pytest.mark.xdist_group("comparison")  # share a comparison
 
 Call = Callable[..., str]
 
@@ -15,7 +19,7 @@ SMALL = (
     "episodes=1",
     "projections=[none,x0]",
     "activations=[alone]",
-    "candidates=2",
+    f"candidates={TINY.candidates}",
     "film_duration=0",
     "n_jobs=1",
 )
@@ -27,9 +31,12 @@ def call(console: Call) -> Call:
     return partial(console, compare.main)
 
 
-def test_the_command_prints_and_writes(run: Path, call: Call, tmp_path: Path) -> None:
-    """Tables, numbers and page; the same folder takes another comparison in its place."""
+def test_the_command_prints_and_writes(
+    run: Path, call: Call, compared: Compared, tmp_path: Path
+) -> None:
+    """Tables, numbers and page of what has been driven; then another comparison in its place."""
     out = tmp_path / "results"
+    copytree(compared.job.out / "driven", out / "driven")
     printed = call(f"run={run}", f"out={out}", *SMALL)
     assert "planner alone, 1 episodes" in printed and str(out / "index.html") in printed
     report = json.loads((out / "compare.json").read_text())

@@ -34,7 +34,7 @@ def test_resets_leave_no_memory_behind() -> None:
     """A mesh that pybullet kept would be 250 kB a reset."""
     env = CityEnv()
     growth(env, 20)
-    assert growth(env, 150) < ENOUGH
+    assert growth(env, 60) < ENOUGH
     env.close()
 
 

@@ -1,5 +1,4 @@
-import subprocess
-import sys
+import shutil
 from dataclasses import replace
 from pathlib import Path
 
@@ -10,11 +9,22 @@ from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.suite import evaluate
 from tests.irl_dal.evaluation.small import small_config
 
+pytestmark = pytest.mark.xdist_group("suite")  # share an evaluation
+
 
 @pytest.fixture(autouse=True)
 def short_paths(monkeypatch: pytest.MonkeyPatch) -> None:
     """Paths of a second: the drives take four."""
     monkeypatch.setattr(suite, "PATH_DURATION", 1.0)
+
+
+@pytest.fixture(scope="module")
+def usual(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, object]]:
+    """An evaluation of random actions in one process: the folder of the runs, and its report."""
+    folder = tmp_path_factory.mktemp("usual")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(suite, "PATH_DURATION", 1.0)
+        return folder, evaluate(small_config(), AgentSpec("random"), folder).report
 
 
 def comparable(report: dict[str, object]) -> dict[str, object]:
@@ -26,16 +36,16 @@ def comparable(report: dict[str, object]) -> dict[str, object]:
     }
 
 
-def test_the_number_of_processes_changes_no_number(tmp_path: Path) -> None:
+def test_the_number_of_processes_changes_no_number(
+    usual: tuple[Path, dict[str, object]], tmp_path: Path
+) -> None:
     """One process and two give the same report to the last bit."""
-    reports = [
-        evaluate(small_config(n_jobs=jobs), AgentSpec("random"), tmp_path / str(jobs)).report
-        for jobs in (1, 2)
-    ]
-    assert comparable(reports[0]) == comparable(reports[1])
-    assert reports[0]["seeds"] == [10_000, 10_001]
-    assert reports[0]["normalized_return"] == 0.0
-    assert reports[0]["command_violation_rate"] == 0.0
+    report = evaluate(small_config(n_jobs=2), AgentSpec("random"), tmp_path).report
+    assert report["latency_processes"] == 2
+    assert comparable(report) == comparable(usual[1])
+    assert report["seeds"] == [10_000, 10_001]
+    assert report["normalized_return"] == 0.0
+    assert report["command_violation_rate"] == 0.0
 
 
 def test_the_expert_is_its_own_measure(tmp_path: Path) -> None:
@@ -52,14 +62,16 @@ def never(_rig: Rig, seed: int) -> dict[str, object]:
     raise AssertionError(f"seed {seed} was driven again")
 
 
-def test_references_are_driven_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_references_are_driven_once(
+    usual: tuple[Path, dict[str, object]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A second evaluation reads them from beside the runs and reports the same."""
-    config = small_config()
-    first = evaluate(config, AgentSpec("random"), tmp_path).report
+    config, first = small_config(), usual[1]
+    shutil.copytree(usual[0], tmp_path, dirs_exist_ok=True)
     monkeypatch.setattr(Rig, "random_return", never)
     monkeypatch.setattr(Rig, "expert_return", never)
     assert comparable(evaluate(config, AgentSpec("random"), tmp_path).report) == comparable(first)
-    bare = replace(config, shield=replace(config.shield, enabled=False))
+    bare = replace(small_config(held_out_episodes=0), shield=replace(config.shield, enabled=False))
     evaluate(bare, AgentSpec("random"), tmp_path)  # the references always drive under the shield
     longitudinal = replace(config.expert.longitudinal, cruise_speed=7.0)
     barrier = replace(config.shield.barrier, enabled=False)
@@ -85,14 +97,13 @@ def test_the_experts_own_drives_are_its_references(
 
 
 @pytest.mark.parametrize("name", ["unfinished", "references"])
-def test_nothing_need_be_kept(tmp_path: Path, name: str) -> None:
+def test_nothing_need_be_kept(
+    usual: tuple[Path, dict[str, object]], tmp_path: Path, name: str
+) -> None:
     """In somebody else's folder the numbers are the same: what is kept is a convenience."""
-    usual = evaluate(small_config(), AgentSpec("random"), tmp_path / "usual").report
-    (tmp_path / "other").mkdir()
-    (tmp_path / "other" / name).touch()
-    assert comparable(usual) == comparable(
-        evaluate(small_config(), AgentSpec("random"), tmp_path / "other").report
-    )
+    (tmp_path / name).touch()
+    report = evaluate(small_config(), AgentSpec("random"), tmp_path).report
+    assert comparable(report) == comparable(usual[1])
 
 
 def test_an_interrupted_evaluation_goes_on_whatever_another_one_does(
@@ -100,21 +111,17 @@ def test_an_interrupted_evaluation_goes_on_whatever_another_one_does(
 ) -> None:
     """It says what is kept; another one of the same agent that ends meanwhile removes none of it.
 
-    The other one begins and ends, in a process of its own, while the first is interrupted last.
+    The other one begins and ends while the first is interrupted; `ResultStore` is tested with
+    another process.
     """
     config, drive, driven = small_config(held_out_episodes=0), Rig.episode, []
-    command = (
-        "import sys; from pathlib import Path;"
-        "from irl_dal.evaluation.rig import AgentSpec;"
-        "from irl_dal.evaluation.suite import evaluate;"
-        "from tests.irl_dal.evaluation.small import small_config;"
-        "evaluate(small_config(held_out_episodes=0, episodes=1, first_seed=10_005),"
-        " AgentSpec('random'), Path(sys.argv[1]))"
-    )
+    another = small_config(held_out_episodes=0, episodes=1, first_seed=10_005)
 
     def interrupted(rig: Rig, seed: int) -> dict[str, object]:
         if driven:
-            subprocess.run([sys.executable, "-c", command, str(tmp_path)], check=True, timeout=120)
+            with monkeypatch.context() as patch:
+                patch.setattr(Rig, "episode", drive)
+                assert evaluate(another, AgentSpec("random"), tmp_path).report["episodes"] == 1
             raise KeyboardInterrupt
         driven.append(seed)
         return drive(rig, seed)

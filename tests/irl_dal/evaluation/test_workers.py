@@ -41,7 +41,7 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
     assert work(store) == [1, 2, 3, 4] == work(store)
     seen = (tmp_path / "log").read_text().split()
     assert seen.count("4") == 2 and seen.count("1") == 1
-    workers = Workers(small_config(), AgentSpec("random"), jobs)
+    workers = Workers(small_config(), AgentSpec("random"), 1)
     assert [done["number"] for done in workers.map("noting", note, items)] == [1, 2, 3, 4]
     assert (tmp_path / "log").read_text().split().count("1") == 2
 

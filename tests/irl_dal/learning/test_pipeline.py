@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,6 +20,8 @@ from irl_dal.learning.reinforcement.ppo import PPOConfig
 from irl_dal.learning.run_log import ProgressBar, read_metrics
 from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
+
+pytestmark = pytest.mark.xdist_group("pipeline")  # share a run
 
 
 class StopError(Exception):
@@ -62,11 +65,32 @@ def same(first: dict[str, np.ndarray], second: dict[str, np.ndarray]) -> bool:
     return first.keys() == second.keys() and all(np.array_equal(first[k], second[k]) for k in first)
 
 
+def watch(pipeline: Pipeline, calls: dict[str, list[int]]) -> None:
+    """Note the steps at which each learner is called from now on."""
+    learners = pipeline.learners
+    for name in ("clone", "train_planner", "train_discriminator", "sync_features"):
+        owner = learners.discriminator if name == "sync_features" else learners
+        original = getattr(owner, name)
+
+        def spy(*given: object, name: str = name, real: Any = original) -> None:
+            calls.setdefault(name, []).append(pipeline.step)
+            real(*given)
+
+        setattr(owner, name, spy)
+
+
 @pytest.fixture(scope="module")
-def finished(tmp_path_factory: pytest.TempPathFactory) -> Pipeline:
+def calls() -> dict[str, list[int]]:
+    """The steps at which the complete short run called each learner."""
+    return {}
+
+
+@pytest.fixture(scope="module")
+def finished(tmp_path_factory: pytest.TempPathFactory, calls: dict[str, list[int]]) -> Pipeline:
     """A complete short run."""
     states = torch.get_rng_state(), np.random.get_state()[1].copy()
     pipeline = new_pipeline(tmp_path_factory.mktemp("run"), progress=StopAt(-1))
+    watch(pipeline, calls)
     pipeline.run()
     assert torch.equal(torch.get_rng_state(), states[0])
     assert np.array_equal(np.random.get_state()[1], states[1])
@@ -125,12 +149,8 @@ def test_a_complete_run_leaves_one_checkpoint_without_replay(finished: Pipeline)
     assert (run_dir / "metrics.csv").read_bytes() == before
 
 
-def test_same_seed_same_agent_other_seed_another(finished: Pipeline, tmp_path: Path) -> None:
-    """Every random draw comes from the seed, though the global generators were elsewhere."""
-    torch.manual_seed(123)
-    twin = new_pipeline(tmp_path / "twin")
-    twin.run()
-    assert same(weights(twin), weights(finished))
+def test_another_seed_is_another_agent(tmp_path: Path) -> None:
+    """From the first weights on."""
     other = new_pipeline(tmp_path / "other", seed=1)
     assert not same(weights(other), weights(new_pipeline(tmp_path / "third")))
 
@@ -160,7 +180,12 @@ def test_a_broken_run_goes_on_from_its_last_checkpoint(
 def test_cars_in_processes_of_their_own_drive_the_same_run(
     finished: Pipeline, tmp_path: Path
 ) -> None:
-    """Expert and policy, two cars side by side: the same weights as in one process."""
+    """Expert and policy, two cars side by side: the same weights as in one process.
+
+    Every random draw comes from the seed, though the global generators are elsewhere.
+    """
+    torch.manual_seed(123)
+    np.random.seed(123)
     drivers = new_drivers(processes=True)
     try:
         pipeline = new_pipeline(tmp_path, drivers=drivers)
@@ -213,28 +238,26 @@ def test_a_checkpoint_of_another_configuration_is_refused(
         new_pipeline(tmp_path, config, provenance={"config_hash": "bbb"}).restore()
 
 
-@pytest.mark.parametrize(("cars", "discriminator"), [(2, [150, 180]), (4, [152, 180])])
-def test_updates_come_when_the_paper_says(
-    tmp_path: Path, cars: int, discriminator: list[int]
+def test_updates_come_when_the_paper_says(finished: Pipeline, calls: dict[str, list[int]]) -> None:
+    """BC, planner, discriminator and SyncFeatures at the multiples of their intervals."""
+    assert finished.step == 200
+    assert calls == {
+        "clone": [60, 120, 160, 200],
+        "train_planner": [40, 80, 120, 160],
+        "train_discriminator": [150, 180],
+        "sync_features": [140, 160, 180],
+    }
+
+
+def test_updates_of_four_cars_come_where_all_are_beyond(
+    finished: Pipeline, tmp_path: Path, calls: dict[str, list[int]]
 ) -> None:
-    """At the multiples of their intervals, or where all cars have first driven beyond them."""
-    pipeline = new_pipeline(tmp_path, replace(SHORT, n_envs=cars))
-    learners = pipeline.learners
-    calls: dict[str, list[int]] = {}
-    for name in ("clone", "train_planner", "train_discriminator", "sync_features"):
-        owner = learners.discriminator if name == "sync_features" else learners
-        real = getattr(owner, name)
-
-        def spy(*arguments: object, name: str = name, real: object = real) -> None:
-            calls.setdefault(name, []).append(pipeline.step)
-            real(*arguments)  # type: ignore[operator]
-
-        setattr(owner, name, spy)
+    """The discriminator's interval ends between two of their steps; the others as with two cars."""
+    assert finished.step == 200
+    pipeline, seen = new_pipeline(tmp_path, replace(SHORT, n_envs=4)), dict[str, list[int]]()
+    watch(pipeline, seen)
     pipeline.run()
-    assert calls["clone"] == [60, 120, 160, 200]
-    assert calls["train_planner"] == [40, 80, 120, 160]
-    assert calls["train_discriminator"] == discriminator
-    assert calls["sync_features"] == [140, 160, 180]
+    assert seen == calls | {"train_discriminator": [152, 180]}
 
 
 def test_a_rollout_holds_what_each_car_drove(
