@@ -1,6 +1,7 @@
 import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,20 @@ from irl_dal.comparison import drive, experiment, planning
 from irl_dal.comparison.drive import ComparisonJob
 from irl_dal.comparison.experiment import compare
 from irl_dal.figures.comparison_page import write_comparison_page
+from irl_dal.storage import result_store
 from irl_dal.storage.atomic import write_json
 from tests.irl_dal.comparison.tiny import tiny_job, untrained_run
 from tests.irl_dal.tiny_run import sweep
 
 Console = Callable[..., str]
+
+
+@pytest.fixture(scope="session", autouse=True)
+def code_is_read_once() -> Iterator[None]:
+    """A process's code does not change; its fingerprint takes 0.7 s for each key of a result."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(result_store, "code_fingerprint", cache(result_store.code_fingerprint))
+        yield
 
 
 @pytest.fixture

@@ -32,7 +32,7 @@ def call(console: Call) -> Call:
 
 
 def test_the_command_prints_and_writes(
-    run: Path, call: Call, compared: Compared, tmp_path: Path
+    run: Path, call: Call, compared: Compared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Tables, numbers and page of what has been driven; then another comparison in its place."""
     out = tmp_path / "results"
@@ -44,6 +44,8 @@ def test_the_command_prints_and_writes(
     assert report["settings"]["projections"] == ["none", "x0"]
     assert "<video" not in (out / "index.html").read_text()
     assert not (out / "film.webm").exists()
+    assert len(list((out / "driven").iterdir())) == 1
+    monkeypatch.setattr(compare, "write_comparison_page", lambda *_: None)
     call(f"run={run}", f"out={out}", *SMALL, "first_seed=7")
     assert json.loads((out / "compare.json").read_text())["settings"]["first_seed"] == 7
 
