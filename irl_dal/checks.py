@@ -29,9 +29,9 @@ def check_choices(config: Any) -> None:
 
 
 def nested(name: str, kind: type[Any], value: Any, error: type[Exception]) -> Any:
-    """`value`, or what a mapping of its fields or None stands for; else `error`."""
-    if value is None or isinstance(value, Mapping):
-        return kind(**(value or {}))
+    """`value`, or what a mapping of its fields stands for; else `error`."""
+    if isinstance(value, Mapping):
+        return kind(**value)
     if not isinstance(value, kind):
         raise error(f"`{name}` must be a {kind.__name__} or a mapping. Got {value!r}.")
     return value

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from expert import ExpertDecision, FSMExpert
 from irl_dal.arrays import Array, Info, Observation
-from irl_dal.envs import CityEnv, Overlay
+from irl_dal.envs import CityEnv
 from irl_dal.envs.road import LANES
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
 from shield import (
@@ -248,7 +248,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             risk, text = self._risk, self._decision.mode.name.lower().replace("_", " ")
             if risk.risky:
                 text += f"   trigger: {', '.join(risk.reasons)}"
-            self.city.overlay = Overlay(risk.risky, text)
+            self.city.overlay = risk.risky, text
         self._context = PlanningContext(
             scan=scan,
             clearance=self._distance,

@@ -2,7 +2,7 @@
 
 import gymnasium
 
-from irl_dal.envs.chase import Overlay, Scene
+from irl_dal.envs.chase import Scene
 from irl_dal.envs.city import CityEnv
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import FAULTS, FaultConfig
@@ -11,7 +11,6 @@ from irl_dal.envs.reward import RewardConfig
 __all__ = [
     "CITY_ID",
     "FAULTS",
-    "Overlay",
     "CityConfig",
     "CityEnv",
     "FaultConfig",

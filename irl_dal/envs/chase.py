@@ -26,14 +26,6 @@ CALM, RISKY = (90, 200, 140), (235, 70, 60)  # Colours of the rays and of the ba
 
 
 @dataclass(frozen=True, slots=True)
-class Overlay:
-    """What the control loop adds to the view."""
-
-    risky: bool = False  # The trigger's verdict
-    text: str = ""  # One line
-
-
-@dataclass(frozen=True, slots=True)
 class Scene:
     """Everything that a view draws, in world coordinates."""
 
@@ -46,10 +38,13 @@ class Scene:
 
 
 def chase_view(
-    world: World, scene: Scene, light: Illumination, overlay: Overlay
+    world: World, scene: Scene, light: Illumination, overlay: tuple[bool, str]
 ) -> NDArray[np.uint8]:
-    """Image (height, width, 3) uint8 of the car, the road ahead, the LiDAR's rays, the overlay."""
-    state = scene.vehicle
+    """Image (height, width, 3) uint8 of the car, the road ahead and the LiDAR's rays.
+
+    `overlay` is what the control loop adds: the trigger's verdict and a line of text.
+    """
+    (risky, text), state = overlay, scene.vehicle
     ahead = np.array([np.cos(state.yaw), np.sin(state.yaw)])
     here = np.array([state.x, state.y])
     eye, aim = here - BEHIND * ahead, here + AHEAD * ahead
@@ -57,9 +52,9 @@ def chase_view(
     picture = Image.fromarray(world.render(camera, light)).convert("RGBA")
     glass = Image.new("RGBA", picture.size)
     pen = ImageDraw.Draw(glass)
-    colour = RISKY if overlay.risky else CALM
+    colour = RISKY if risky else CALM
     _draw_rays(pen, scene, colour)
-    _draw_badge(pen, overlay.text, state.speed, colour)
+    _draw_badge(pen, text, state.speed, colour)
     return np.array(Image.alpha_composite(picture, glass).convert("RGB"))
 
 

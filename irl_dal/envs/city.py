@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from irl_dal.arrays import Array, Info, Observation
 from irl_dal.checks import nested
-from irl_dal.envs.chase import Overlay, Scene, chase_view
+from irl_dal.envs.chase import Scene, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
 from irl_dal.envs.lane_camera import LaneCamera
@@ -102,6 +102,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"`render_mode` must be None or 'rgb_array'. Got {render_mode!r}.")
+        config, limits = ({} if part is None else part for part in (config, limits))
         self.config: CityConfig = replace(nested("config", CityConfig, config, TypeError), **fields)
         self.limits: ActuatorLimits = nested("limits", ActuatorLimits, limits, TypeError)
         self.render_mode = render_mode
@@ -123,7 +124,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._camera = Camera(self._world, size, self.config.image_noise)
         self._lane_camera = LaneCamera(size, self.limits.dt)
         self._track = None if self.config.track is None else Track.read(self.config.track)
-        self.overlay = Overlay()
+        self.overlay = False, ""  # The trigger's verdict and a line of text, for the view
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -158,7 +159,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._faults = SensorFaults(config.faults, self.limits.dt, scanner, faults)
         self._lanes: deque[LaneMeasurement | None] = deque(maxlen=config.faults.latency + 1)
         self._at: RoadPoint = self._road.locate(x, y)
-        self.overlay = Overlay()
+        self.overlay = False, ""
         self._sense()
         observation = self._observe()
         return observation, self._info({}, success=False, collision=False, off_road=False)

@@ -61,17 +61,6 @@ class CityConfig:
             object.__setattr__(self, name, nested(name, kind, getattr(self, name), ValueError))
         check_choices(self)
         check_ranges(self, RANGES)
-        self._check_pairs()
-        if self.track is not None:
-            self._check_track(self.track)
-
-    @property
-    def scanner(self) -> ScannerGeometry:
-        """The LiDAR's geometry."""
-        mount = self.vehicle.front_bumper
-        return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range, mount=mount)
-
-    def _check_pairs(self) -> None:
         longest = self.route_length - SHORTEST_ROUTE
         shortest = f"so that no route is shorter than {SHORTEST_ROUTE:g} m"
         bright, reach = self.max_brightness, self.lidar_range
@@ -82,12 +71,18 @@ class CityConfig:
         ):
             if not holds:
                 raise ValueError(f"`{name}` must be {rule}. Got {getattr(self, name)}.")
-
-    def _check_track(self, track: str) -> None:
-        if not isinstance(track, (str, os.PathLike)):
-            raise ValueError(f"`track` must be the path of a file. Got {track!r}.")
-        object.__setattr__(self, "track", os.fspath(track))
+        if self.track is None:
+            return
+        if not isinstance(self.track, (str, os.PathLike)):
+            raise ValueError(f"`track` must be the path of a file. Got {self.track!r}.")
+        object.__setattr__(self, "track", os.fspath(self.track))
         try:
-            Track.read(track).stretch(0, self.route_length)
+            Track.read(self.track).stretch(0, self.route_length)
         except TrackError as error:
             raise ValueError(f"`track` {error}") from None
+
+    @property
+    def scanner(self) -> ScannerGeometry:
+        """The LiDAR's geometry."""
+        mount = self.vehicle.front_bumper
+        return ScannerGeometry(beams=self.lidar_beams, max_range=self.lidar_range, mount=mount)

@@ -63,7 +63,10 @@ def driving_mode(lateral_offset: float, gap: float) -> Mode:
 
 def reward_terms(config: RewardConfig, now: Situation) -> dict[str, float]:
     """Every term of the reward; the reward is their sum."""
-    off_centre = _off_centre(now)
+    # Distance to the middle of the lane that the mode asks for [m]; between the lanes of either
+    home, passing = abs(now.lateral_offset), abs(now.lateral_offset - LANE_WIDTH)
+    asked = {Mode.LANE_FOLLOWING: home, Mode.DRIVING_STRAIGHT: passing}
+    off_centre = asked.get(now.mode, min(home, passing))
     watchful = now.mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT)
     closeness = float(np.clip(1.0 - now.clearance / (2.0 * NEAR_MISS_DISTANCE), 0.0, 1.0))
     near_miss = now.clearance < NEAR_MISS_DISTANCE
@@ -78,13 +81,3 @@ def reward_terms(config: RewardConfig, now: Situation) -> dict[str, float]:
         "off_road": -config.crash if now.off_road else 0.0,
         "goal": config.goal if now.success else 0.0,
     }
-
-
-def _off_centre(now: Situation) -> float:
-    """Distance to the middle of the lane that the mode asks for [m]."""
-    home, passing = abs(now.lateral_offset), abs(now.lateral_offset - LANE_WIDTH)
-    if now.mode is Mode.LANE_FOLLOWING:
-        return home
-    if now.mode is Mode.DRIVING_STRAIGHT:
-        return passing
-    return min(home, passing)

@@ -281,7 +281,7 @@ def _plan_diversity(plans: Sequence[LoggedPlan], limits: ActuatorLimits) -> Row:
 
 PLAN_METRICS: dict[str, _PlanRow] = {
     "plan_projection_rate": lambda plans, _: _total([p.status != Status.NOMINAL for p, _ in plans]),
-    "plan_fallback_rate": lambda plans, _: _total([plan.is_fallback for plan, _ in plans]),
+    "plan_fallback_rate": lambda plans, _: _total([p.status == Status.FALLBACK for p, _ in plans]),
     "plan_nominal_violation_rate": _plan_violations("nominal"),
     "plan_violation_rate": _plan_violations("actions"),
     "plan_correction_norm": _plan_correction,

@@ -46,10 +46,6 @@ class LearnableAdaptiveMask(nn.Module):
         """Eqs. modulation_factors and lower_weight, elementwise."""
         return (1.0 + self.alpha_speed * speed_level) * (1.0 + self.alpha_lidar * hazard_level)
 
-    def largest_weight(self) -> Tensor:
-        """The largest lower weight over all speeds and hazards, for alphas of at least -1."""
-        return (1.0 + self.alpha_speed.clamp(min=0.0)) * (1.0 + self.alpha_lidar.clamp(min=0.0))
-
     def forward(self, speed: Tensor, lidar: Tensor, rows: int) -> Tensor:
         """M-hat_t (B, 1, rows, 1) in [0, 1], of speed (B, 1) [m/s] and scan (B, n) [m]."""
         lower = self.lower_weight(self.speed_level(speed), self.hazard_level(lidar))
@@ -57,6 +53,8 @@ class LearnableAdaptiveMask(nn.Module):
         mask = lower * ramp  # Eq. mask_gradient, (B, rows)
         if self.config.normalisation == "printed":
             mask = mask / (mask.amax(dim=1, keepdim=True) + EPSILON)
-        else:
-            mask = (mask / (self.largest_weight() + EPSILON)).clamp(0.0, 1.0)
+        else:  # the largest weight over all speeds and hazards, for alphas of at least -1
+            alphas = self.alpha_speed.clamp(min=0.0), self.alpha_lidar.clamp(min=0.0)
+            largest = (1.0 + alphas[0]) * (1.0 + alphas[1])
+            mask = (mask / (largest + EPSILON)).clamp(0.0, 1.0)
         return mask[:, None, :, None]

@@ -108,40 +108,29 @@ class PlanningContext:
         Estimates that are not valid read as zero with their flag at zero. Everything is scaled to
         about [-1, 1] and clipped to [-3, 3]; NaN stays NaN.
         """
-        code = np.zeros(CONTEXT_SIZE)
+        code, lane, scanner = np.zeros(CONTEXT_SIZE), self.lane, self.geometry
         code[HAZARD] = hazard(self.nearest)
-        code[CLEARANCE] = self.nearest / self.geometry.max_range
+        code[CLEARANCE] = self.nearest / scanner.max_range
         if self.clearance.valid:
             code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
             code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
             code[CLEARANCE_VALID] = 1.0
-        self._encode_lane(code)
+        code[LANE_AGE] = min(float(lane.age) / _AGE, _LARGEST)
+        if lane.valid:
+            code[LATERAL_OFFSET] = lane.lateral_offset / _OFFSET
+            code[HEADING_ERROR] = lane.heading_error / _HEADING
+            code[CURVATURE] = lane.curvature / _CURVATURE
+            code[CURVATURE_RATE] = lane.curvature_rate / _CURVATURE_RATE
+            code[LANE_DEVIATION] = self.lane_deviation / (0.5 * _OFFSET)
+            code[OFFSET_STD] = lane.offset_std / _OFFSET_STD
+            code[LANE_VALID] = 1.0
         code[SPEED] = self.speed / _SPEED
         code[PREVIOUS_STEERING] = self.previous[0] / _STEERING
         code[PREVIOUS_SPEED] = self.previous[1] / _SPEED
-        self._encode_scan(code)
-        return np.clip(code, -_LARGEST, _LARGEST).astype(np.float32)
-
-    def _encode_lane(self, code: Array) -> None:
-        """Lane pose and its quality."""
-        lane = self.lane
-        code[LANE_AGE] = min(float(lane.age) / _AGE, _LARGEST)
-        if not lane.valid:
-            return
-        code[LATERAL_OFFSET] = lane.lateral_offset / _OFFSET
-        code[HEADING_ERROR] = lane.heading_error / _HEADING
-        code[CURVATURE] = lane.curvature / _CURVATURE
-        code[CURVATURE_RATE] = lane.curvature_rate / _CURVATURE_RATE
-        code[LANE_DEVIATION] = self.lane_deviation / (0.5 * _OFFSET)
-        code[OFFSET_STD] = lane.offset_std / _OFFSET_STD
-        code[LANE_VALID] = 1.0
-
-    def _encode_scan(self, code: Array) -> None:
-        """LiDAR statistics; nearness d_0 / (d_0 + d) keeps the resolution where it matters."""
-        scanner = self.geometry
         ranges = np.clip(self.scan, 0.0, scanner.max_range)
         # With fewer beams than sectors, neighbouring sectors share a beam.
         nearest = np.minimum.reduceat(ranges, np.arange(SECTORS) * scanner.beams // SECTORS)
+        # Nearness d_0 / (d_0 + d) keeps the resolution where it matters.
         code[SECTOR_START : SECTOR_START + SECTORS] = _NEAR / (_NEAR + nearest)
         code[SCAN_MEAN] = ranges.mean() / scanner.max_range
         code[SCAN_STD] = ranges.std() / scanner.max_range
@@ -149,6 +138,7 @@ class PlanningContext:
         code[SCAN_RETURNS] = returned.mean()
         if returned.any():
             code[NEAREST_BEARING] = scanner.angles[int(np.argmin(ranges))] / (0.5 * math.pi)
+        return np.clip(code, -_LARGEST, _LARGEST).astype(np.float32)
 
 
 def _read_only(values: Array) -> Array:

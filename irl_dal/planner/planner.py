@@ -38,7 +38,8 @@ class Plan:
     # The last clean estimate (H, 2) [rad, m/s]; `actions` in mode `none` and for a fallback
     nominal: Array
     candidates: Array  # All candidates as (N, H, 2) [rad, m/s]
-    status: Status  # Of the last projection; `NOMINAL` in mode `none`
+    # Of the last projection; `NOMINAL` in mode `none`, `FALLBACK` also without a usable sample
+    status: Status
     reason: str  # Why it is a fallback or what the projection said, else empty
     latency: float  # Wall time of the whole call [s]
     energy: float = math.nan  # Of `actions`; NaN for a fallback
@@ -48,11 +49,6 @@ class Plan:
     def __post_init__(self) -> None:
         for name in ("actions", "nominal", "candidates"):
             getattr(self, name).setflags(write=False)
-
-    @property
-    def is_fallback(self) -> bool:
-        """Whether there was no usable sample, or no plan that keeps every bound."""
-        return self.status is Status.FALLBACK
 
 
 class DiffusionPlanner:
@@ -78,7 +74,10 @@ class DiffusionPlanner:
         self.config = config
         self.limits = limits
         self.generator = generator
-        self.denoiser = _make_denoiser(config, generator)
+        seed = torch.randint(2**31, (1,), generator=generator, device=generator.device)
+        with torch.random.fork_rng(devices=[]):  # torch's own random stream stays where it is
+            torch.manual_seed(int(seed.item()))
+            self.denoiser = ConditionalUnet1d(config.width)
         self.blend = ActionBlend(config.blend)
         self.counts: Counter[str] = Counter()
         self._schedule = NoiseSchedule.make(config.schedule, config.diffusion_steps)
@@ -264,12 +263,3 @@ def _compile(config: PlannerConfig, limits: ActuatorLimits) -> None:
     ordinary = PlanningContext(np.full(180, 5.0), near, lane, 5.0, np.array([0.0, 5.0]))
     patient = replace(config, deadline=None)
     DiffusionPlanner(patient, limits, generator=torch.Generator()).plan(ordinary)
-
-
-def _make_denoiser(config: PlannerConfig, generator: torch.Generator) -> ConditionalUnet1d:
-    """A network whose first weights come from the generator, leaving torch's own state alone."""
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(
-            int(torch.randint(2**31, (1,), generator=generator, device=generator.device).item())
-        )
-        return ConditionalUnet1d(config.width)

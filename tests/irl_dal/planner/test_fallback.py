@@ -47,7 +47,7 @@ def test_nan_in_the_context_gives_a_counted_fallback(part: str, projection: str)
     """What is no number never raises: an admissible fallback with a reason, counted."""
     made = planner(projection=projection)
     plan = made.plan(replace(context(), **spoiled(part)))
-    assert plan.is_fallback and "not finite" in plan.reason
+    assert plan.status is Status.FALLBACK and "not finite" in plan.reason
     assert made.counts == {"plans": 1, "fallback_context": 1}
     assert bool(np.isfinite(plan.actions).all())
     if part != "previous":
@@ -112,7 +112,7 @@ def test_weights_that_diverged_give_a_fallback() -> None:
     with torch.no_grad():
         made.denoiser.out.bias.fill_(math.nan)
     plan = made.plan(context())
-    assert plan.is_fallback
+    assert plan.status is Status.FALLBACK
     assert made.counts["fallback_sample"] == 1
 
 
@@ -169,7 +169,7 @@ def test_an_inadmissible_last_command_is_said_and_counted() -> None:
     """Where no plan keeps every bound, the plan approaches them and its status says so."""
     made = planner()
     plan = made.plan(replace(context(), previous=np.array([0.9, 6.0])))
-    assert plan.is_fallback and plan.reason
+    assert plan.status is Status.FALLBACK and plan.reason
     assert made.counts["fallback_projection"] == 1
     assert bool(np.all(np.abs(plan.actions[:, 0]) <= LIMITS.max_steering))
 
