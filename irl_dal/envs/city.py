@@ -102,7 +102,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     ) -> None:
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise ValueError(f"`render_mode` must be None or 'rgb_array'. Got {render_mode!r}.")
-        config, limits = ({} if part is None else part for part in (config, limits))
+        config = {} if config is None else config
+        limits = {} if limits is None else limits
         self.config: CityConfig = replace(nested("config", CityConfig, config, TypeError), **fields)
         self.limits: ActuatorLimits = nested("limits", ActuatorLimits, limits, TypeError)
         self.render_mode = render_mode
