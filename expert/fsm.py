@@ -157,10 +157,7 @@ class FSMExpert:
         return Mode.DRIVING_STRAIGHT if arrived else mode
 
     def _shift(self, offset: float, speed: float) -> tuple[float, float]:
-        """Move the target offset towards the mode's lane: offset [m] and its rate [m/s].
-
-        The rate rises and falls with `shift_acceleration`: a comfortable lane change.
-        """
+        """Move the target offset comfortably towards the mode's lane: offset [m], rate [m/s]."""
         config, dt = self._config, self._limits.dt
         if self._reference is None or abs(self._reference - offset) > MAX_LAG:
             self._reference, self._rate = offset, 0.0

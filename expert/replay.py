@@ -160,8 +160,7 @@ class ReplayBuffer:
     ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
         """Draw B = `size` stretches of consecutive commands that the expert executed, as `sample`.
 
-        Returns:
-            Contexts of the first steps (B, 64) and commands (B, H, 2), normalised.
+        Contexts of the first steps (B, 64) and commands (B, H, 2), normalised.
         """
         slots = self._draw(rng, size, self._groups("chunk", held_out), balanced)
         steps = [slots]
@@ -181,11 +180,9 @@ class ReplayBuffer:
     def returns(self, gamma: float) -> tuple[Indices, NDArray[np.float32]]:
         """Discounted return of the environment reward for everything stored.
 
-        Where a stretch stops without an end of the episode, the mean reward is taken to go on for
-        ever. `gamma` is in [0, 1), else `ValueError`.
-
-        Returns:
-            Places for `gather` (N,) and returns (N,), newest first.
+        Places for `gather` (N,) and returns (N,), newest first. Where a stretch stops without an
+        end of the episode, the mean reward is taken to go on for ever. `gamma` is in [0, 1), else
+        `ValueError`.
         """
         if not 0.0 <= gamma < 1.0:
             raise ValueError(f"`gamma` must be in [0, 1). Got {gamma}.")

@@ -77,9 +77,8 @@ def load_run(
 ) -> DrivingPolicy:
     """The policy of a run's newest checkpoint; the planner's weights go into `planner`.
 
-    Raises:
-        CheckpointError: There is no checkpoint, or it is of another version, damaged, truncated,
-            of another configuration, or its weights are not finite.
+    `CheckpointError` if there is none, or it is of another version, damaged, truncated, of another
+    configuration, or its weights are not finite.
     """
     state = CheckpointStore(run_dir).load().state
     seen, acted = loop.city.observation_space, loop.city.action_space

@@ -75,9 +75,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     Commands go to the city in physical units, past `step` of anything between the loop and the
     city. Wrappers belong around the loop, not around the city; those that `gymnasium.make` adds and
     that change nothing are accepted. Without a barrier the limits alone bound the shield's command.
-
-    Raises:
-        TypeError: `env` is no city, or a wrapper is around it.
+    `TypeError` if `env` is no city, or another wrapper is around it.
     """
 
     def __init__(
@@ -170,11 +168,14 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         if planner is None:
             return None, 0.0, own
         plan, weight, command = None, 0.0, own
-        if planner.config.activation == "always" or self._planner_can_help(planner):
-            stalled = "stalled" in self._risk.reasons
+        risk, always = self._risk, planner.config.activation == "always"
+        # A plan needs something to go by.
+        seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
+        if always or (risk.risky and (seen or planner.config.without_lane)):
+            stalled = "stalled" in risk.reasons
             plan = planner.plan(self._context)
             weight = planner.blend.weight(
-                self._distance.clearance, self._risk.lane_deviation, stalled=stalled
+                self._distance.clearance, risk.lane_deviation, stalled=stalled
             )
             # A plan's first action is one step away, a policy's may be many: of a far one even a
             # small share holds the wheels at the angle where it pulls as hard as the plan turns.
@@ -189,12 +190,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         if unshielded:  # with a shield, this is the shield's work
             command = planner.project_command(command, self._previous)
         return plan, weight, command
-
-    def _planner_can_help(self, planner: DiffusionPlanner) -> bool:
-        """Whether the state is risky, and a plan has something to go by."""
-        risk = self._risk
-        seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
-        return risk.risky and (seen or planner.config.without_lane)
 
     def _execute(
         self,

@@ -8,8 +8,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType, ModuleType
 
-__all__ = ["EXTRAS", "preflight"]
-
 EXTRAS = {  # modules beyond the core that each extra of the distribution brings
     "drive": (
         *("gymnasium", "hydra", "imageio", "jinja2", "joblib", "markupsafe", "matplotlib", "numba"),

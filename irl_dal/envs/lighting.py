@@ -20,10 +20,7 @@ class Illumination:
     brightness: float = 1.0  # Time of day that it stands for, 0 a dark evening, 1 noon
 
     def on_ground(self, colour: Colour) -> Array:
-        """What a level surface of a colour looks like, RGB (3,) in [0, 255].
-
-        The renderer's formula: the coloured light scales only the diffuse share.
-        """
+        """What a level surface of a colour looks like, RGB (3,) in [0, 255], as rendered."""
         height = float(np.asarray(self.direction)[2] / np.linalg.norm(self.direction))
         shade = self.ambient + self.diffuse * max(0.0, height) * np.asarray(self.colour)
         return np.asarray(255.0 * np.asarray(colour) * shade)

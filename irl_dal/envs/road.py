@@ -84,8 +84,7 @@ class Road:
     def generate(cls, rng: np.random.Generator, length: float) -> Self:
         """Draw straights, arcs and transitions until the road meets itself nowhere.
 
-        Raises:
-            ValueError: `MAX_ATTEMPTS` roads met themselves.
+        `ValueError` if `MAX_ATTEMPTS` roads met themselves.
         """
         for _ in range(MAX_ATTEMPTS):
             road = cls._from_curvature(_profile(rng, length), length)

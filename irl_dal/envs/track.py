@@ -52,11 +52,7 @@ class Track:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read a file.
-
-        Raises:
-            TrackError: It cannot be read, or what it describes is not a road.
-        """
+        """Read a file; `TrackError` if it cannot be read, or what it describes is not a road."""
         file = TrackFile.read(path)
         closed = file.closed
         stations, points, left = _yellow_line(file)
@@ -92,8 +88,7 @@ class Track:
     def stretch(self, number: int, length: float) -> Road:
         """The road to the goal of a stretch of `length` [m]; numbers go round.
 
-        Raises:
-            TrackError: The road is shorter than one stretch.
+        `TrackError` if the road is shorter than one stretch.
         """
         count = self.stretches(length)
         if count == 0:

@@ -52,11 +52,7 @@ class TrackFile:
 
     @classmethod
     def read(cls, path: str | Path) -> Self:
-        """Read and check a file.
-
-        Raises:
-            TrackError: It cannot be read, or a line is no point of a road.
-        """
+        """Read a file; `TrackError` if it cannot be read, or a line is no point of a road."""
         path = Path(path)
         rows, lines = _Reader(path).rows()
         while len(rows) > 3 and np.linalg.norm(rows[-1, :2] - rows[0, :2]) < CLOSING:

@@ -38,8 +38,7 @@ class VehicleState:
 class Vehicle:
     """The car in the world; `servo_rate` is the turning rate of its steering hinges [rad/s].
 
-    Raises:
-        ValueError: The front axle would lie before the bumper.
+    `ValueError` if the front axle would lie before the bumper.
     """
 
     def __init__(

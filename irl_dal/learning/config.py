@@ -2,8 +2,9 @@
 
 import math
 from dataclasses import dataclass, field, fields
-from typing import Literal, get_args
+from typing import Literal
 
+from irl_dal.checks import check_choices
 from irl_dal.learning.imitation.behaviour_cloning import CloningConfig
 from irl_dal.learning.imitation.diffusion_training import DiffusionTrainingConfig
 from irl_dal.learning.imitation.experience_correction import CorrectionForm
@@ -64,9 +65,7 @@ class LearningConfig:
             rule = f"must be a multiple of n_envs {self.n_envs}"
             if steps % self.n_envs:
                 raise ValueError(f"`{name}` {rule}. Got {steps}.")
-        for name, allowed in (("sampling", get_args(Sampling)), ("saec", get_args(CorrectionForm))):
-            if getattr(self, name) not in allowed:
-                raise ValueError(f"`{name}` must be one of {allowed}. Got {getattr(self, name)!r}.")
+        check_choices(self)
 
     @property
     def total_steps(self) -> int:

@@ -19,8 +19,6 @@ from irl_dal.learning.reinforcement.policy import appraise, observation_tensors
 from irl_dal.learning.reinforcement.ppo import DrivingPPO
 from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer, flat
 
-__all__ = ["Learners"]
-
 
 @dataclass
 class Learners:

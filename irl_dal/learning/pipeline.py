@@ -34,8 +34,6 @@ from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
 
-__all__ = ["Pipeline"]
-
 # Independent random streams that the seed is split into.
 STREAMS = ("policy", "replay", "rollout", "discriminator", "diffusion", "critic")
 

@@ -36,8 +36,7 @@ def hazard(clearance: float) -> float:
 class PlanningContext:
     """Everything a plan is made from, in physical units.
 
-    Raises:
-        ValueError: A wrong shape, or no lane centre. Values are not judged here.
+    `ValueError` for a wrong shape, or no lane centre. Values are not judged here.
     """
 
     scan: Array  # LiDAR ranges (beams,) [m]

@@ -23,8 +23,6 @@ from irl_dal.learning.imitation.disturbance import Disturbance
 from irl_dal.loop import ControlLoop, Observation
 from shield import Status
 
-__all__ = ["Driver", "DriverProcesses", "demonstrations"]
-
 # [steps] of a demonstration that each car drives before it waits for the others: slow and fast ones
 # even out, and four cars are done when the next planner update is due (Table II: every 500 steps).
 BLOCK = 125

@@ -9,8 +9,6 @@ import numpy as np
 
 from expert.replay import ReplayBuffer, Transition
 
-__all__ = ["Counts", "EpisodeEnd", "Recorder", "StepRecord"]
-
 RECENT = 20  # episodes behind a running mean
 
 

@@ -31,8 +31,6 @@ from irl_dal.perception import LearnableAdaptiveMask
 from irl_dal.shortcuts import reduced_precision
 from shield.errors import check_positive, check_within
 
-__all__ = ["BehaviourCloning", "CloningConfig"]
-
 # Gradient steps between two looks of the plateau scheduler, each at the mean held-out loss since
 # the last one: as many as an update of phase 1 has. One of phase 2 alone is too short to tell.
 STEPS_PER_LOOK = 150

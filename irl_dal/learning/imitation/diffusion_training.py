@@ -19,8 +19,6 @@ from irl_dal.planner import DiffusionPlanner
 from irl_dal.shortcuts import reduced_precision
 from shield.errors import check_positive, check_within
 
-__all__ = ["DiffusionTraining", "DiffusionTrainingConfig"]
-
 MAX_GRAD_NORM = 1.0  # Table II's G_max is the policy's: the denoiser has gradients of its own
 
 # Updates without progress before the learning rate falls (Table II), by which it falls, and where

@@ -6,11 +6,8 @@ Laskey et al., "DART: Noise Injection for Robust Imitation Learning" (CoRL 2017,
 """
 
 import numpy as np
-from numpy.typing import NDArray
 
-__all__ = ["Disturbance"]
-
-Array = NDArray[np.float64]
+from irl_dal.arrays import Array
 
 # Strong enough that the car leaves its line by about half a metre, weak enough that the expert
 # still reaches the goal in nine episodes of ten (measured; the paper does not disturb its expert).

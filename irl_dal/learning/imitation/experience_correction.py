@@ -22,8 +22,6 @@ from torch import Tensor
 from irl_dal.learning.collection.recorder import StepRecord
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 
-__all__ = ["CorrectionForm", "correct_as_printed"]
-
 CorrectionForm = Literal["label", "paper", "off"]
 
 

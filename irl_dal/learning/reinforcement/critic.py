@@ -7,8 +7,6 @@ from torch import nn
 from expert.replay import ReplayBuffer
 from irl_dal.learning.reinforcement.policy import DrivingPolicy, observation_tensors
 
-__all__ = ["warm_start_critic"]
-
 BATCH_SIZE, LEARNING_RATE = 256, 1e-3
 
 

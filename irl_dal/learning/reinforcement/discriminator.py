@@ -23,8 +23,6 @@ from torch.nn.functional import softplus
 from irl_dal.learning.reinforcement.policy import DrivingPolicy
 from shield.errors import check_positive, check_within
 
-__all__ = ["Discriminator", "DiscriminatorConfig", "discriminator_loss"]
-
 KEPT_OUT = 5  # one pair in so many is kept out of an update, to report an honest accuracy
 HIDDEN = 128  # units in each of the two hidden layers (not in the paper): a quarter of the features
 BATCH_SIZE = 256  # expert samples, and as many of the agent's, per gradient step (not in the paper)

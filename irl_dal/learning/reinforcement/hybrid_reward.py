@@ -19,14 +19,13 @@ which neither pays nor costs. Time limits are bootstrapped with the critic.
 """
 
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
+from irl_dal.checks import check_choices
 from irl_dal.learning.collection.recorder import EpisodeEnd
-
-__all__ = ["HybridReward", "HybridRewardConfig"]
 
 Array = NDArray[np.float32]
 ImitationForm = Literal["centred", "printed"]
@@ -55,8 +54,7 @@ class HybridRewardConfig:
             raise ValueError(
                 f"`w_env` and `w_irl` must be >= 0 and add to 1. Got {self.w_env}, {self.w_irl}."
             )
-        if self.form not in get_args(ImitationForm):
-            raise ValueError(f"`form` must be one of {get_args(ImitationForm)}. Got {self.form!r}.")
+        check_choices(self)
 
 
 @dataclass(frozen=True, slots=True)

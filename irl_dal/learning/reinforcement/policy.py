@@ -14,17 +14,6 @@ from torch import Tensor, nn
 from expert.replay import ReplayBatch
 from irl_dal.perception import DrivingFeaturesExtractor, PerceptionConfig
 
-__all__ = [
-    "PERCEIVED",
-    "DrivingPolicy",
-    "actor_parameters",
-    "appraise",
-    "build_policy",
-    "mean_action",
-    "observation_tensors",
-    "policy_arguments",
-]
-
 PERCEIVED = "perceived"  # key of features that stand for the observations they were made from
 
 # Units in each of the two hidden layers of a head: stable-baselines3's default. The paper says

@@ -27,8 +27,6 @@ from irl_dal.learning.reinforcement.rollout_buffer import HybridRolloutBuffer
 from irl_dal.perception import PerceptionConfig
 from shield.errors import check_positive, check_within
 
-__all__ = ["ActorCriticAdam", "DrivingPPO", "PPOConfig", "build_ppo", "divergence"]
-
 SAMPLES = 256  # observations on which the divergence of an update is measured
 
 # Where the actor's learning rate begins: the size at which the first updates have the target

@@ -12,8 +12,6 @@ from stable_baselines3.common.type_aliases import DictRolloutBufferSamples
 from irl_dal.learning.collection.recorder import EpisodeEnd, StepRecord
 from irl_dal.learning.reinforcement.hybrid_reward import HybridReward
 
-__all__ = ["HybridRolloutBuffer", "flat"]
-
 Array = NDArray[np.float32]
 
 # Fields of a minibatch after the observations, in stable-baselines3's order.

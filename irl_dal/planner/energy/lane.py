@@ -21,11 +21,8 @@ SIGHT = 25.0  # A lane is open where this much of it is free, from the front bum
 def open_lanes(context: PlanningContext) -> tuple[float, ...]:
     """The lateral offsets [m] of the admissible lanes that the scan shows to be open.
 
-    Pulled to the nearest lane of all, a car beside an oncoming one in the passing lane would be
-    pulled into its path.
-
-    Returns:
-        Those with `SIGHT` free ahead; the freest one where none has; all without a lane estimate.
+    Those with `SIGHT` free ahead; the freest where none has; all without a lane estimate. Pulled to
+    the nearest lane of all, a car beside an oncoming one would be pulled into its path.
     """
     centres = context.lane_centres
     if not context.lane.valid:

@@ -49,10 +49,7 @@ class StabilityEnergy(Energy):
 
 
 class ExpertEnergy(Energy):
-    r"""Expert alignment: :math:`w_{exp}` times the mean of :math:`\|a_i - a_i^{expert}\|^2`.
-
-    Only where the context has a reference.
-    """
+    r"""With a reference, :math:`w_{exp}` times the mean of :math:`\|a_i - a_i^{expert}\|^2`."""
 
     def prepare(self) -> None:
         """Set the weight, 0 without a reference."""
