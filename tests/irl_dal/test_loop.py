@@ -256,5 +256,5 @@ def test_nothing_is_written_into_the_view_unless_it_is_rendered(straight: RunCon
     for render_mode, written in ((None, False), ("rgb_array", True)):
         loop = build_loop(straight, supervision(straight, None), render_mode=render_mode)
         loop.reset(seed=0)
-        assert bool(loop.city.overlay.text) == written
+        assert bool(loop.city.overlay[1]) == written
         loop.close()
