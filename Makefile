@@ -30,7 +30,7 @@ lint: $(VENV)/installed
 	$(BIN)/lint-imports
 
 test: lint                          ## lint, types, import contracts, tests: make test ARGS="tests/shield"
-	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 --dist loadgroup -m "not slow" $(ARGS)
+	OMP_NUM_THREADS=1 $(BIN)/python -m pytest -n 2 -m "not slow" $(ARGS)
 
 clean:
 	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis

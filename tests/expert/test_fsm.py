@@ -37,7 +37,6 @@ def episode(seed: int) -> tuple[dict[str, object], list[Mode], list[np.ndarray]]
 SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(502, 506)]
 
 
-@pytest.mark.xdist_group("expert")
 @pytest.mark.parametrize("seed", [500, 501, *SLOW])
 def test_reaches_the_goal(seed: int) -> None:
     """A whole drive in the default city, without touching anything."""
@@ -46,7 +45,6 @@ def test_reaches_the_goal(seed: int) -> None:
     assert set(modes) == set(Mode)
 
 
-@pytest.mark.xdist_group("expert")
 def test_commands_are_slew_limited() -> None:
     """Successive commands differ by no more than the rates allow."""
     limits = ActuatorLimits()

@@ -20,7 +20,6 @@ from irl_dal.storage.checkpoint import run_lock
 from irl_dal.storage.run_folder import open_run
 
 Call = Callable[..., str]
-pytestmark = pytest.mark.xdist_group("runs")  # share two trainings
 
 
 @pytest.fixture

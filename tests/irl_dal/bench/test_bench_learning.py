@@ -9,8 +9,6 @@ from irl_dal.bench.__main__ import main
 from irl_dal.bench.learning import COUNTS, demonstrated, time_updates
 from irl_dal.config import RunConfig
 
-pytestmark = pytest.mark.xdist_group("bench_learning")  # each process imports torch's optimisers
-
 
 def small() -> RunConfig:
     """A narrow planner and small batches."""

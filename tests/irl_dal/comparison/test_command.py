@@ -11,8 +11,6 @@ from irl_dal import compare
 from tests.irl_dal.comparison.tiny import TINY, tiny_config, untrained_run
 from tests.irl_dal.conftest import Compared
 
-pytestmark = pytest.mark.xdist_group("comparison")  # share a comparison
-
 Call = Callable[..., str]
 
 SMALL = (

@@ -6,8 +6,6 @@ from rich.console import Console
 from irl_dal.comparison.presentation import best_projection, comparison_tables, conclusions
 from tests.irl_dal.conftest import Compared
 
-pytestmark = pytest.mark.xdist_group("comparison")  # share a comparison
-
 
 def results(**modes: tuple[float, float, float]) -> dict[str, object]:
     """Results of settings with the shield: success, energy and time of each mode."""

@@ -18,8 +18,6 @@ from irl_dal.planner import ProjectionMode
 from tests.irl_dal.comparison.tiny import TINY, tiny_job
 from tests.irl_dal.conftest import Compared
 
-pytestmark = pytest.mark.xdist_group("comparison")  # share a comparison
-
 
 def numbers(report: dict[str, object]) -> dict[str, Any]:
     """What must repeat: everything but durations, resamples and the state of the clone."""

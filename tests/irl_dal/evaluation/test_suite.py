@@ -9,8 +9,6 @@ from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.suite import evaluate
 from tests.irl_dal.evaluation.small import small_config
 
-pytestmark = pytest.mark.xdist_group("suite")  # share an evaluation
-
 
 @pytest.fixture(autouse=True)
 def short_paths(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -13,8 +13,6 @@ from irl_dal.figures.comparison_page import comparison_page
 from irl_dal.figures.style import drawing, to_svg
 from tests.irl_dal.conftest import Compared
 
-pytestmark = pytest.mark.xdist_group("comparison")  # share a comparison
-
 CHROMIUM = shutil.which("chromium")
 
 PROBE = """

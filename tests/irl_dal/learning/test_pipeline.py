@@ -21,8 +21,6 @@ from irl_dal.learning.run_log import ProgressBar, read_metrics
 from irl_dal.storage.checkpoint import CheckpointError, CheckpointStore, pack
 from tests.irl_dal.learning.city import SHORT, new_drivers, new_pipeline
 
-pytestmark = pytest.mark.xdist_group("pipeline")  # share a run
-
 
 class StopError(Exception):
     """Ends a run as a failure of anything else would."""

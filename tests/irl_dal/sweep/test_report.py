@@ -23,7 +23,6 @@ from tests.irl_dal.figures.test_comparison_page import CHROMIUM, opened
 from tests.irl_dal.tiny_run import sweep
 
 Call = Callable[..., str]
-pytestmark = pytest.mark.xdist_group("runs")  # share two trainings
 
 
 @pytest.fixture(autouse=True)
