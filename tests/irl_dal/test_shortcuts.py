@@ -33,8 +33,8 @@ def test_compiles_where_no_cache_can_be_written(tmp_path: Path) -> None:
     for folder in (package, planner):
         (folder / "__init__.py").write_text("")
         (folder / "__pycache__").write_text("a file: nobody can write into this folder")
-    for name in ("arrays.py", "rollout.py"):
-        shutil.copy(SOURCE / "planner" / name, planner)
+    shutil.copy(SOURCE / "arrays.py", package)
+    shutil.copy(SOURCE / "planner" / "rollout.py", planner)
     program = (
         "import numpy as np; from irl_dal.planner.rollout import ego_rollout;"
         "print(ego_rollout(np.ones((1, 2, 2)), 2.7, 0.1).x.shape)"
