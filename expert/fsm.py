@@ -114,13 +114,13 @@ class FSMExpert:
         for person in people:
             lanes = lanes.without(person.s, person.d, PEDESTRIAN_RADIUS)
         self._mode = self._next_mode(lanes, lane, speed)
-        target, rate = self._shift(lane.lateral_offset, speed)
-        fastest = min(self._follow_bend(lane), self._stop(lanes, lane, people, target, speed))
+        reference = self._shift(lane.lateral_offset, speed)
+        fastest = min(self._follow_bend(lane), self._stop(lanes, lane, people, reference[0], speed))
         if self._mode in (Mode.OBSTACLE_AVOIDANCE, Mode.DRIVING_STRAIGHT):
             fastest = min(fastest, self._config.avoidance_speed)
         if not clean.usable:
             fastest = min(fastest, self._config.longitudinal.blind_speed)
-        steering = steer(lane, target, rate, speed, float(previous[0]), self._limits)
+        steering = steer(lane, reference, speed, float(previous[0]), self._limits)
         setpoint = np.clip([steering, fastest], self._limits.low, self._limits.high)
         return ExpertDecision(setpoint, self.approach(setpoint, previous, 1)[0], self._mode)
 
@@ -156,8 +156,8 @@ class FSMExpert:
         arrived = abs(offset - PASSING_LANE) < SETTLED
         return Mode.DRIVING_STRAIGHT if arrived else mode
 
-    def _shift(self, offset: float, speed: float) -> tuple[float, float]:
-        """Move the target offset comfortably towards the mode's lane: offset [m], rate [m/s]."""
+    def _shift(self, offset: float, speed: float) -> tuple[float, float, float]:
+        """Move the target offset comfortably towards the mode's lane, with its two derivatives."""
         config, dt = self._config, self._limits.dt
         if self._reference is None or abs(self._reference - offset) > MAX_LAG:
             self._reference, self._rate = offset, 0.0
@@ -166,9 +166,10 @@ class FSMExpert:
         fastest = min(config.shift_rate, max(MAX_SLOPE * speed, CREEP_RATE))
         target = math.copysign(min(fastest, brake, abs(left) / dt), left)
         step = config.shift_acceleration * dt
-        self._rate += max(-step, min(step, target - self._rate))
+        change = max(-step, min(step, target - self._rate))
+        self._rate += change
         self._reference += self._rate * dt
-        return self._reference, self._rate
+        return self._reference, self._rate, change / dt
 
     def _follow_bend(self, lane: LaneEstimate) -> float:
         """Speed for the bends, without the estimate's noise [m/s]."""

@@ -23,29 +23,29 @@ def parallel_curvature(curvature: float, offset: float) -> float:
 
 def steer(
     lane: LaneEstimate,
-    target: float,
-    target_rate: float,
+    reference: tuple[float, float, float],
     speed: float,
     previous: float,
     limits: ActuatorLimits,
 ) -> float:
     """Steering angle that brings the car to an offset and keeps it there [rad].
 
-    With e the offset error, r the rate of the target offset, psi the heading error and kappa the
-    previewed curvature:
+    With e the offset error, r and a the rate and acceleration of the target offset, psi the heading
+    error and kappa the previewed curvature:
 
         psi_ref = sat(r / v - e / (v · T_e))
-        delta = atan(L · (kappa + (psi_ref - psi) / (v · T_psi)))
+        delta = atan(L · (kappa + a / v² + (psi_ref - psi) / (v · T_psi)))
 
     so that e decays with T_e and psi with T_psi whatever the speed. Beside the lane's centre its
     curvature is that of a parallel line, kappa / (1 - kappa · e). psi is the heading error that
     there will be once the steering, at its full rate, has come back from where it is (`previous`)
-    to the lane's curvature: a slow car turns far within that time. `target` [m] and `target_rate`
-    [m/s] are of the offset to the left of the home lane's centre.
+    to the lane's curvature: a slow car turns far within that time. `reference` is the target offset
+    to the left of the home lane's centre [m], with its rate [m/s] and acceleration [m/s²].
     """
     v = max(speed, MIN_SPEED)
+    target, rate, acceleration = reference
     error = lane.lateral_offset - target
-    approach = math.atan2(target_rate, max(speed, MIN_RATE_SPEED))
+    approach = math.atan2(rate, max(speed, MIN_RATE_SPEED))
     approach -= math.atan2(error / OFFSET_TIME, v)
     heading = max(-MAX_APPROACH, min(MAX_APPROACH, approach))
     curvature = lane.curvature + lane.curvature_rate * v * PREVIEW_TIME
@@ -54,5 +54,5 @@ def steer(
     excess = previous - math.atan(limits.wheelbase * curvature)
     unwinding = abs(excess) / max(limits.max_steering_rate, MIN_STEERING_RATE)
     swing = 0.5 * speed * excess / limits.wheelbase * unwinding
-    turn = curvature + (heading - lane.heading_error - swing) / reach
+    turn = curvature + acceleration / v**2 + (heading - lane.heading_error - swing) / reach
     return math.atan(limits.wheelbase * turn)

@@ -14,16 +14,18 @@ from stable_baselines3.common.vec_env import DummyVecEnv, VecEnv
 from expert import FSMExpert
 from irl_dal.cli.threads import stay_on_one_thread
 from irl_dal.config import RunConfig
-from irl_dal.envs import CityEnv
+from irl_dal.envs import CityConfig, CityEnv
+from irl_dal.envs.road import LANES
 from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.planner.planner import SIMULATED_TIME_DEADLINE
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
-from shield import SafetyFilter
+from shield import Assumptions, PredictiveFilter, SafetyFilter
 
 # Spawn keys of the planner's random stream and of the training episodes': none of those that
 # learning splits the seed into.
+STANDOFF_MARGIN = 0.1  # [m] that the shield keeps beyond the distance that counts as a collision
 _PLANNER, _EPISODES = (1_000,), (1_001,)
 
 
@@ -57,7 +59,18 @@ def build_loop(
     city = CityEnv(config.env, config.limits, render_mode)
     scanner, vehicle = config.env.scanner, config.env.vehicle
     expert = FSMExpert(config.expert, config.limits, scanner=scanner, vehicle=vehicle)
-    return ControlLoop(city, expert, supervision, config.shield.trigger, config.shield.barrier)
+    return ControlLoop(city, expert, supervision, config.shield.trigger)
+
+
+def shielded_city(render_mode: str | None = None, **fields: Any) -> ControlLoop:
+    """`gymnasium.make("IRLDAL/ShieldedCity-v0")`: the city with the default shield inside `step`.
+
+    Args:
+        render_mode: As of `CityEnv`.
+        **fields: Fields of `CityConfig` that differ from its defaults.
+    """
+    config = RunConfig(env=CityConfig(**fields))
+    return build_loop(config, supervision(config, None), render_mode=render_mode)
 
 
 def build_drivers(config: RunConfig, *, processes: bool) -> VecEnv:
@@ -94,8 +107,20 @@ def load_run(
     return policy
 
 
-def _safety_filter(config: RunConfig) -> SafetyFilter:
-    return SafetyFilter(config.limits, config.shield.solver, deadline=SIMULATED_TIME_DEADLINE)
+def _safety_filter(config: RunConfig) -> PredictiveFilter | SafetyFilter:
+    solver, deadline = config.shield.solver, SIMULATED_TIME_DEADLINE
+    if config.shield.level == "off":
+        return SafetyFilter(config.limits, solver, deadline=deadline)
+    return PredictiveFilter(
+        config.limits,
+        config.env.vehicle,
+        config.env.scanner,
+        Assumptions(level=config.shield.level),
+        lanes=LANES,
+        standoff=config.env.collision_distance + STANDOFF_MARGIN,
+        solver=solver,
+        deadline=deadline,
+    )
 
 
 def _driver(config: RunConfig, place: int, alone: bool) -> Driver:

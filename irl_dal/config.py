@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field, fields
 from difflib import get_close_matches
 from functools import cache
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import qpsolvers
 from hydra.core.config_store import ConfigStore
@@ -27,7 +27,7 @@ from irl_dal.evaluation.config import EvaluationConfig
 from irl_dal.learning import LearningConfig
 from irl_dal.perception import PerceptionConfig
 from irl_dal.planner import PlannerConfig
-from shield import ActuatorLimits, BarrierConfig, TriggerConfig
+from shield import ActuatorLimits, TriggerConfig
 
 
 class ConfigError(ValueError):
@@ -42,7 +42,9 @@ class ShieldConfig:
     enabled: bool = True
     # Of every projection, the shield's and the planner's: osqp, or a name of qpsolvers.
     solver: str = "osqp"
-    barrier: BarrierConfig = field(default_factory=BarrierConfig)
+    # What others may do (`shield.Assumptions`): P0 on a road, P1 in a parking lot; off bounds
+    # commands alone.
+    level: Literal["P0", "P1", "off"] = "P0"
     trigger: TriggerConfig = field(default_factory=TriggerConfig)
 
     def __post_init__(self) -> None:

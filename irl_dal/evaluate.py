@@ -27,7 +27,7 @@ from irl_dal.evaluation.summary import evaluation_table
 from irl_dal.storage.atomic import write_json
 from irl_dal.storage.run_folder import open_run
 
-OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out"})
+OWN_KEYS = frozenset({"run", "policy", "episodes", "first_seed", "n_jobs", "out", "drive", "step"})
 """Keys of this command beside the configuration's."""
 
 
@@ -37,7 +37,7 @@ def main() -> None:
 
 
 def _main(composed: DictConfig) -> None:
-    config, spec = _subject(composed)
+    config, spec = subject(composed)
     out = path_argument(composed, "out")
     if out is not None:
         require_writable("out", out)
@@ -57,7 +57,8 @@ def _main(composed: DictConfig) -> None:
         console.print(f"written to {out}", soft_wrap=True)
 
 
-def _subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
+def subject(composed: DictConfig) -> tuple[RunConfig, AgentSpec]:
+    """Who drives, and in which configuration: a run's own, with what the command line states."""
     run, policy = path_argument(composed, "run"), composed.policy
     if (run is None) == (policy is None):
         raise ConfigError(f"run = {composed.run!r}, policy = {policy!r}: give one of the two")

@@ -29,15 +29,14 @@ from irl_dal.envs.road import LANES
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
-    BarrierConfig,
     Certificate,
     ClearanceTracker,
-    CommandBounds,
     LaneTracker,
-    ObstacleBarrier,
+    PredictiveFilter,
     RiskTrigger,
     SafetyFilter,
     TriggerConfig,
+    World,
 )
 
 __all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
@@ -52,7 +51,8 @@ class Supervision:
     """What stands between the nominal action and the actuators."""
 
     planner: DiffusionPlanner | None = None  # None leaves the nominal action alone
-    safety_filter: SafetyFilter | None = None  # None lets every command pass (comparisons only)
+    # None lets every command pass (comparisons only)
+    safety_filter: PredictiveFilter | SafetyFilter | None = None
     training: bool = False  # whether there is an expert to lend the planner its command (E_expert)
 
 
@@ -69,13 +69,12 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     | previous_command, executed_command, executed_action | what the actuators had and got |
     | triggered, plan, blend_weight | what the planner did in this step |
     | certificate | what the shield says of this step (None without a shield) |
-    | bounds | what the surroundings bounded this step to |
     | nominal_violations | per source, whether its command broke a bound before the shield |
 
     Commands go to the city in physical units, past `step` of anything between the loop and the
     city. Wrappers belong around the loop, not around the city; those that `gymnasium.make` adds and
-    that change nothing are accepted. Without a barrier the limits alone bound the shield's command.
-    `TypeError` if `env` is no city, or another wrapper is around it.
+    that change nothing are accepted. `TypeError` if `env` is no city, or another wrapper is around
+    it.
     """
 
     def __init__(
@@ -84,7 +83,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         expert: FSMExpert,
         supervision: Supervision,
         trigger: TriggerConfig,
-        barrier: BarrierConfig | None = None,
     ) -> None:
         super().__init__(env)
         self.city: CityEnv = _unwrapped(env)
@@ -96,10 +94,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._lane = LaneTracker(self.limits.dt)
         self._centres = LANES.centres if trigger.passing_lane else LANES.centres[:1]
         self._trigger = RiskTrigger(trigger, self.limits.dt, self._centres)
-        self._barrier: ObstacleBarrier | None = None
-        if barrier is not None and barrier.enabled:
-            vehicle = self.city.config.vehicle
-            self._barrier = ObstacleBarrier(barrier, self.limits, self._scanner, vehicle)
+        vehicle = self.city.config.vehicle
+        self.world = World(self.limits.dt, self._scanner, vehicle, LANES)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -110,10 +106,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self._previous: Array = np.array([0.0, self.city.config.initial_speed])
-        for part in (self._clearance, self._lane, self._trigger, self._expert):
+        for part in (self._clearance, self._lane, self._trigger, self._expert, self.world):
             part.reset()
-        if self._barrier is not None:
-            self._barrier.reset()
         self.restart_supervision(seed)
         info.update(self._assess(observation, info))
         return observation, info
@@ -128,7 +122,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             if seed is not None:
                 planner.generator.manual_seed(seed)
             planner.reset()
-        if shield is not None:
+        if isinstance(shield, PredictiveFilter):
+            shield.restart(self._previous, self.world)
+        elif shield is not None:
             shield.reset(self._previous)
 
     @contextmanager
@@ -201,12 +197,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     ) -> tuple[Observation, float, bool, bool, Info]:
         """Shield the command, drive it and assess the state that follows."""
         certificate: Certificate | None = None
-        bounds, shield, executed = CommandBounds(), self.supervision.safety_filter, command
+        shield, executed = self.supervision.safety_filter, command
         if shield is not None:
-            if self._barrier is not None:
-                bounds = self._barrier.bounds(executed, float(self._previous[0]))
-            planned = None if plan is None else plan.actions
-            certificate = shield.filter(executed, plan=planned, bounds=bounds)
+            certificate = shield.filter(executed, plan=None if plan is None else plan.actions)
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
         observation, reward, terminated, truncated, info = self.city.execute(self._previous)
@@ -223,7 +216,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             executed_command=self._previous,
             executed_action=self.limits.to_action(self._previous),
             certificate=certificate,
-            bounds=bounds,
         )
         info.update(self._assess(observation, info))
         return observation, reward, terminated, truncated, info
@@ -235,8 +227,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
         self._distance = self._clearance.update(scan, speed)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
-        if self._barrier is not None and self.supervision.safety_filter is not None:
-            self._barrier.update(scan, speed, yaw_rate)
+        if isinstance(self.supervision.safety_filter, PredictiveFilter):
+            self.world.update(scan, speed, yaw_rate, lane)
         self._risk = self._trigger.update(self._distance, lane, speed)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         if self.render_mode is not None:

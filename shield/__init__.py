@@ -1,8 +1,8 @@
 """A safety shield for commands (steering, speed) whose bounds hold exactly.
 
 `HorizonProjector` finds the nearest horizon within box, rate and lateral acceleration bounds;
-`SafetyFilter` guards one command at a time; `ObstacleBarrier`
-bounds it by what is around the car; the trackers and the trigger tell when to worry.
+`SafetyFilter` guards one command at a time; `PredictiveFilter` lets one pass only if a certified
+manoeuvre that ends at rest follows it; the trackers and the trigger tell when to worry.
 `shield.gym` puts the shield around an environment. The guarantees and their proofs are in the
 package's README.
 """
@@ -13,24 +13,24 @@ from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.lane import LaneEstimate, LaneGeometry, LaneMeasurement, LaneTracker
 from shield.estimation.scan import ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.command_bounds import CommandBounds
 from shield.limits.constraint import UNBOUNDED, Constraint, Rows
+from shield.predictive import Assumptions, PredictiveFilter
 from shield.projection.certificate import Certificate, Projection, Status
 from shield.projection.projector import HorizonProjector
 from shield.safety_filter import SafetyFilter
 from shield.trigger import Risk, RiskTrigger, TriggerConfig
 from shield.vehicle import KinematicBicycle, VehicleGeometry
-from shield.world import BarrierConfig, ObstacleBarrier
+from shield.world import Corridor, World
 
 __all__ = [
     "ActuatorLimits",
-    "BarrierConfig",
+    "Assumptions",
     "Certificate",
     "ClearanceEstimate",
     "ClearanceTracker",
     "ClusterTracker",
-    "CommandBounds",
     "Constraint",
+    "Corridor",
     "HorizonProjector",
     "InvalidLimits",
     "InvalidProblem",
@@ -40,7 +40,7 @@ __all__ = [
     "LaneMeasurement",
     "LaneTracker",
     "MissingDependency",
-    "ObstacleBarrier",
+    "PredictiveFilter",
     "Projection",
     "Risk",
     "RiskTrigger",
@@ -53,4 +53,5 @@ __all__ = [
     "TriggerConfig",
     "UNBOUNDED",
     "VehicleGeometry",
+    "World",
 ]

@@ -1,14 +1,12 @@
 """The last gate before the actuators: one command at a time, tied to the last one executed."""
 
 import time
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from shield.errors import Array, InvalidProblem, as_array, as_horizon
 from shield.limits.actuator_limits import ActuatorLimits
-from shield.limits.command_bounds import CommandBounds
 from shield.projection.certificate import Certificate, Projection, Status
 from shield.projection.fallback import FallbackPlan
 from shield.projection.projector import HorizonProjector
@@ -16,8 +14,6 @@ from shield.projection.repair import worst_excess
 from shield.projection.solvers import SolverFactory
 
 __all__ = ["SafetyFilter"]
-
-_FREE = CommandBounds()
 
 
 class SafetyFilter:
@@ -75,17 +71,13 @@ class SafetyFilter:
         self._execute(values)
 
     @np.errstate(all="ignore")
-    def filter(
-        self, nominal: ArrayLike, plan: ArrayLike | None = None, *, bounds: CommandBounds = _FREE
-    ) -> Certificate:
+    def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
         """Return the command to execute, and remember it as executed.
 
         Args:
             nominal: Command asked for [rad, m/s], shape (2,), any values.
             plan: The horizon that `nominal` is the beginning of [rad, m/s], shape (H, 2). Its
                 later steps are kept for the fallback.
-            bounds: Of this step alone, those of an `ObstacleBarrier` say. The limits come first:
-                the command goes to these bounds no faster than the limits let it.
 
         Returns:
             The certificate; an admissible nominal passes bit by bit. A nominal that is not finite
@@ -97,12 +89,10 @@ class SafetyFilter:
         begin = time.perf_counter()
         nominal_action = as_array("nominal", nominal, (2,)).copy()
         horizon = None if plan is None else as_horizon("plan", plan)
-        if not isinstance(bounds, CommandBounds):
-            raise InvalidProblem(f"`bounds` must be CommandBounds. Got {bounds!r}.")
         if np.isfinite(nominal_action).all():
-            projection = self._project(nominal_action, bounds)
+            projection = self._projector.project(nominal_action[None, :], self._previous)
         else:
-            projection = self._follow_fallback(nominal_action, bounds)
+            projection = self._follow_fallback(nominal_action)
         if horizon is None:
             self._fallback.advance()
         else:
@@ -120,27 +110,11 @@ class SafetyFilter:
             intervened=projection.status is not Status.NOMINAL,
         )
 
-    def _project(self, nominal_action: Array, bounds: CommandBounds) -> Projection:
-        """Return the admissible command nearest to the nominal one within the bounds."""
-        bounded = bounds.limit(nominal_action, self.limits.min_speed)
-        projection = self._projector.project(bounded[None, :], self._previous)
-        if (bounded == nominal_action).all():
-            return projection
-        correction = projection.actions - nominal_action
-        correction.flags.writeable = False
-        steering, speed = bounded.tolist()
-        return replace(
-            projection,
-            status=Status.PROJECTED if projection.status is Status.NOMINAL else projection.status,
-            correction=correction,
-            reason=projection.reason or f"bounded to {steering:.3f} rad, {speed:.2f} m/s",
-        )
-
-    def _follow_fallback(self, nominal_action: Array, bounds: CommandBounds) -> Projection:
-        """Return the first command of the fallback, within the bounds, as a projection."""
+    def _follow_fallback(self, nominal_action: Array) -> Projection:
+        """Return the first command of the fallback as a projection."""
         steering, speed = self._previous.tolist()
         commands, what = self._fallback.horizon(steering, speed, 1)
-        actions = self._project(np.array(commands), bounds).actions
+        actions = self._projector.project(np.array([commands]), self._previous).actions
         return Projection(
             actions,
             Status.FALLBACK,

@@ -4,6 +4,7 @@ python -m irl_dal.bench env      steps per second beside CarRacing-v3 and racetr
 python -m irl_dal.bench lane     lane measurement against the truth
 python -m irl_dal.bench expert   success of the expert [--track FILE.csv]
 python -m irl_dal.bench faults   success of the expert under each fault, of an agent too [--run DIR]
+python -m irl_dal.bench drivers  bad drivers under the shield: whose fault whatever happens is
 python -m irl_dal.bench car      step responses of the vehicle
 python -m irl_dal.bench planner  how long a plan takes, and where the time goes [--run DIR]
 python -m irl_dal.bench learning how long gradient steps take on one thread and on two
@@ -24,9 +25,11 @@ from rich.console import RenderableType
 
 from irl_dal.bench.car import car_tables
 from irl_dal.bench.drive import drives, lane_table, outcome_table
+from irl_dal.bench.drivers import DRIVERS
 from irl_dal.bench.learning import learning_tables
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import speed_tables
+from irl_dal.bench.trial import ADVERSARY, driver_tables
 from irl_dal.cli.command import new_console, one_line_errors
 from irl_dal.cli.threads import one_thread
 from irl_dal.config import ConfigError, RunConfig
@@ -80,6 +83,10 @@ def _parser() -> argparse.ArgumentParser:
     env.add_argument("--steps", type=_number(int, 1), default=100, help="in one round")
     for name in ("lane", "expert", "faults"):
         add(name, _drives, many, run, city)
+    drivers = add("drivers", _drivers, many, city)
+    drivers.add_argument("--level", default="P0", choices=("P0", "P1", "off"), help="of the shield")
+    names = [*DRIVERS, ADVERSARY]
+    drivers.add_argument("--driver", nargs="+", choices=names, default=names)
     add("car", lambda o: car_tables())
     planner = add("planner", lambda o: planner_tables(o.run, o.rounds, o.contexts), rounds, run)
     planner.add_argument("--contexts", type=_number(int, 1), default=60, help="states to plan in")
@@ -129,6 +136,13 @@ def _drives(options: argparse.Namespace) -> Parts:
         if options.what == "lane":
             yield lane_table(next(iter(groups.values())))
         yield outcome_table(driver, groups)
+
+
+def _drivers(options: argparse.Namespace) -> Parts:
+    config = RunConfig(env=_city(options))
+    config = replace(config, shield=replace(config.shield, level=options.level))
+    seeds = range(options.first_seed, options.first_seed + options.episodes)
+    return driver_tables(config, options.driver, seeds, options.jobs, new_console())
 
 
 if __name__ == "__main__":

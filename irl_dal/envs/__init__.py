@@ -15,10 +15,12 @@ __all__ = [
     "CityEnv",
     "FaultConfig",
     "RewardConfig",
+    "SHIELDED_CITY_ID",
     "Scene",
 ]
 
-CITY_ID = "IRLDAL/City-v0"
+CITY_ID, SHIELDED_CITY_ID = "IRLDAL/City-v0", "IRLDAL/ShieldedCity-v0"
 
 if CITY_ID not in gymnasium.registry:
     gymnasium.register(id=CITY_ID, entry_point="irl_dal.envs.city:CityEnv")
+    gymnasium.register(id=SHIELDED_CITY_ID, entry_point="irl_dal.build:shielded_city")

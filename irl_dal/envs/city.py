@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from irl_dal.arrays import Array, Info, Observation
 from irl_dal.checks import nested
+from irl_dal.envs.attribution import Attribution, Event, departs
 from irl_dal.envs.chase import Scene, chase_view
 from irl_dal.envs.config import CityConfig
 from irl_dal.envs.faults import ActuatorLag, SensorFaults
@@ -75,7 +76,9 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
     Info: `reward_terms`, `success`, `collision`, `off_road`, `progress` [m], `goal_distance` [m],
     `clearance` [m], `lateral_offset` [m], `heading_error` [rad], `pose` (x, y, yaw), `speed` [m/s],
     `lateral_acceleration` [m/s^2]: the true state, for rewards and metrics; `lane_measurement`:
-    what the lane sensor saw (None where it saw nothing).
+    what the lane sensor saw (None where it saw nothing); `contact` (bodies touch), `departure` (a
+    corner of the body is beyond the edges of the ego's two lanes) and, on the step on which one of
+    them begins, `fault`: "at_fault", "at_rest", "hit_by_other" or "assumption:<name>", else None.
 
     Copies and pickles go on as the original would: they drive the episode so far again, which takes
     as long as its steps took, some 2 ms each.
@@ -162,8 +165,11 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._at: RoadPoint = self._road.locate(x, y)
         self.overlay = False, ""
         self._sense()
+        obstacles = self._traffic.obstacles
+        self._judge = Attribution(config, self.limits, self._road, obstacles, self._faults)
         observation = self._observe()
-        return observation, self._info({}, success=False, collision=False, off_road=False)
+        info = self._info({}, success=False, collision=False, off_road=False)
+        return observation, {**info, "contact": False, "departure": False, "fault": None}
 
     def _draw_road(self, rng: np.random.Generator, options: dict[str, Any]) -> Road:
         """A road from the generator, or a stretch of the track."""
@@ -192,11 +198,14 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._vehicle.drive(float(steering), float(speed))
         self._world.step(dt)
         self._time += dt
+        start = self._state
         self._sense()
+        touched = frozenset(self._vehicle.touched())
+        departed = departs(self._road, self._state, self._at, self.config.vehicle)
         near = self._clearance < self.config.collision_distance
         ends = {
             "success": False,
-            "collision": self._vehicle.touches() or near,
+            "collision": bool(touched) or near,
             "off_road": not -HALF_WIDTH <= self._at.d <= self._at.left_edge,
         }
         ends["success"] = self._at.s >= self._road.length and not any(ends.values())
@@ -204,7 +213,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         terminated = any(ends.values())
         truncated = not terminated and self._time >= self.config.time_limit - 0.5 * dt
         observation = self._observe()
-        info = self._info(terms, **ends)
+        verdict = self._judge.judge(Event(start, float(speed), touched, departed))
+        info = {**self._info(terms, **ends), **verdict}
         return observation, float(sum(terms.values())), terminated, truncated, info
 
     def render(self) -> NDArray[np.uint8] | None:

@@ -75,6 +75,16 @@ class SensorFaults:
         self._frozen_for = self._burst_for = 0
         self._image: NDArray[np.uint8] | None = None
 
+    @property
+    def frozen(self) -> bool:
+        """Whether the camera stands still now."""
+        return self._frozen_for > 0
+
+    @property
+    def bursting(self) -> bool:
+        """Whether image and LiDAR are noisy now."""
+        return self._burst_for > 0
+
     def apply(self, observation: Observation) -> Observation:
         """The observation as the faulty sensors give it."""
         config = self._config

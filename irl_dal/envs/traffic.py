@@ -57,6 +57,8 @@ EGO_SPEED = 8.0  # Speed of the ego that a pedestrian expects [m/s]: how early i
 FROM_THE_RIGHT = 0.6  # Probability that a pedestrian starts on the ego's side
 # Range of walking speeds [m/s] and of distances to the ego at which the lanes are reached [m]
 SPEEDS, NOTICES = (1.0, 1.5), (30.0, 40.0)
+# Of a pedestrian who sets off [m/s^2]: gait initiation stays below; one may stop at once
+STRIDE_ACCELERATION = 1.0
 ORANGE, MAGENTA = (0.90, 0.40, 0.08), (0.85, 0.15, 0.60)
 SKIN, GLASS = (0.80, 0.60, 0.48), (0.13, 0.15, 0.19)
 PAINTS = ((0.16, 0.24, 0.52), (0.78, 0.78, 0.80), (0.10, 0.10, 0.11), (0.20, 0.42, 0.30))
@@ -72,7 +74,7 @@ class Crossing:
     notice: float  # Distance of the ego's bumper when the pedestrian should reach its lanes [m]
 
     def pace(self, d: float, gap: float, ego_speed: float, *, wait: bool) -> float:
-        """Sideways speed [m/s], positive to the left, at offset `d` [m].
+        """Sideways speed to reach [m/s], positive to the left, at offset `d` [m].
 
         `gap` leads from the ego's bumper to the crossing [m], negative once it has passed; `wait`
         says that another car is too near.
@@ -108,6 +110,7 @@ class Obstacle:
     # Its bodies in the world, none far from the ego: number, place along it and height [m]
     bodies: tuple[tuple[int, float, float], ...] = ()
     crossing: Crossing | None = None  # The way of a pedestrian across the road
+    stride: float = 0.0  # Present speed of a pedestrian on it, positive to the left [m/s]
 
 
 @dataclass(frozen=True, slots=True)
@@ -157,7 +160,10 @@ class Traffic:
                 # Behind a slow car the ego cannot see the pedestrian.
                 slow = [other.s for other in self.obstacles if other.cruise > 0.0]
                 wait = any(-HIDDEN_AHEAD < obstacle.s - s < HIDING for s in slow)
-                obstacle.d += dt * obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
+                pace = obstacle.crossing.pace(obstacle.d, gap, speed, wait=wait)
+                most = abs(obstacle.stride) + STRIDE_ACCELERATION * dt
+                obstacle.stride = min(max(pace, -most), most)
+                obstacle.d += dt * obstacle.stride
             elif obstacle.cruise > 0.0 and obstacle.s - ego.s > PULL_OUT and obstacle.speed == 0.0:
                 continue
             elif obstacle.cruise != 0.0:

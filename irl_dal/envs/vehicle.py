@@ -115,10 +115,10 @@ class Vehicle:
             control = {"targetVelocity": own / WHEEL_RADIUS, "force": torque}
             bullet.setJointMotorControl2(self.body, joint, bullet.VELOCITY_CONTROL, **control)
 
-    def touches(self) -> bool:
-        """Whether the car touches anything but the ground."""
+    def touched(self) -> set[int]:
+        """Bullet's numbers of what the car touches, but for the ground."""
         contacts = self._bullet.getContactPoints(bodyA=self.body)
-        return bool({row[2] for row in contacts} - {GROUND, self.body})
+        return {int(row[2]) for row in contacts} - {GROUND, self.body}
 
     def state(self) -> VehicleState:
         """Where the car is and how it moves."""

@@ -29,6 +29,8 @@ class Episode:
     success: bool  # goal reached, no collision, never off the road, within the time limit
     collision: bool  # ended by one
     off_road: bool  # left the road
+    at_fault: bool  # touched something or left its lanes, and nothing excuses it
+    departed: bool  # a corner of the body was beyond the edges of its own lanes
     reward: Array  # of the environment (T,)
     pose: Array  # true x, y, yaw of the rear axle before and after each step (T+1, 3) [m, m, rad]
     speed: Array  # true speed, likewise (T+1,) [m/s]
@@ -69,12 +71,14 @@ class Episode:
         if not after:
             raise ValueError(f"`seed` {seed}: an episode needs at least one step. Got 0.")
         certificates = [info.get("certificate") for info in after]
-        spoken = [info["nominal_violations"] for info in after]
+        broken = [[info["nominal_violations"].get(s, SILENT) for s in SOURCES] for info in after]
         return cls(
             seed=seed,
             success=bool(last["success"]),
             collision=bool(last["collision"]),
             off_road=bool(last["off_road"]),
+            at_fault=any(info["fault"] == "at_fault" for info in after),
+            departed=any(info["departure"] for info in after),
             reward=np.array(rewards, np.float64),
             pose=_stack(infos, "pose"),
             speed=_stack(infos, "speed").reshape(-1),
@@ -86,10 +90,7 @@ class Episode:
             executed_command=_stack(after, "executed_command"),
             projected=np.array([c is not None and c.intervened for c in certificates], np.bool_),
             triggered=np.array([info["triggered"] for info in after], np.bool_),
-            nominal_violations=np.array(
-                [[broken.get(source, SILENT) for source in SOURCES] for broken in spoken],
-                np.int8,
-            ),
+            nominal_violations=np.array(broken, np.int8),
             shield_time=np.array([np.nan if c is None else c.solve_time for c in certificates]),
             plans=tuple(
                 LoggedPlan(info["plan"], info["previous_command"])

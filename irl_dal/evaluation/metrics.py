@@ -6,6 +6,10 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
 * `success`: share of episodes with the goal reached, no collision, never off the road, in time;
   `collision_rate`, `off_road_rate`, `timeout_rate`: share of episodes with that flaw;
   `episode_success`: the same per episode, in the order of `seeds`.
+* `at_fault_rate`: share of episodes in which the car touched something or left its lanes, and
+  neither standing, nor a hit from behind, nor a broken assumption excuses it
+  (`irl_dal.envs.attribution`); `departure_rate`: share in which a corner of its body was beyond the
+  edges of its own two lanes, whoever's fault.
 * `collisions_per_1k_steps`: 1000 * collisions / steps. A collision is an event, it ends an episode.
 * `mean_return`: mean over episodes of the undiscounted sum of the environment reward.
 * `normalized_return`: 200 (R - R_random) / (R_expert - R_random) on the same seeds, clipped to
@@ -216,6 +220,8 @@ METRICS: dict[str, _EpisodeRow] = {
     "success": lambda e, _: (e.success, 1),
     "collision_rate": lambda e, _: (e.collision, 1),
     "off_road_rate": lambda e, _: (e.off_road, 1),
+    "at_fault_rate": lambda e, _: (e.at_fault, 1),
+    "departure_rate": lambda e, _: (e.departed, 1),
     "timeout_rate": lambda e, _: (not (e.success or e.collision or e.off_road), 1),
     "collisions_per_1k_steps": lambda e, _: (1000 * e.collision, e.steps),
     "mean_return": lambda e, _: (e.total_reward, 1),

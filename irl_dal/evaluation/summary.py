@@ -12,6 +12,8 @@ _ROWS = (
     Column("success", "success", "%", 1),
     Column("collision_rate", "  ended by a collision", "%", 1),
     Column("off_road_rate", "  left the road", "%", 1),
+    Column("at_fault_rate", "  at fault", "%", 1),
+    Column("departure_rate", "  out of its lanes", "%", 1),
     Column("timeout_rate", "  ran out of time", "%", 1),
     Column("collisions_per_1k_steps", "collisions / 1k steps", "", 3),
     Column("normalized_return", "normalised return [0, 200]", "", 1),

@@ -157,8 +157,11 @@ class ClusterTracker:
         count = len(positions)
         if count < 2:
             return 0.0, 0.0
-        middle = 0.5 * (count - 1)
-        spread = self.dt * sum((index - middle) ** 2 for index in range(count))
-        east = sum((index - middle) * x for index, (x, _) in enumerate(positions))
-        north = sum((index - middle) * y for index, (_, y) in enumerate(positions))
+        east = north = 0.0
+        time = -0.5 * (count - 1)
+        for x, y in positions:
+            east += time * x
+            north += time * y
+            time += 1.0
+        spread = self.dt * count * (count * count - 1) / 12.0
         return east / spread, north / spread

@@ -28,6 +28,8 @@ GATE = 13.82  # 99.9 % quantile of chi² with 2 degrees of freedom
 MAX_REJECTED = 5  # sightings rejected in a row after which the filter, not the sensor, is lost
 CURVATURE_STD = np.array([0.005, 0.0005])  # [1/m], [1/m²] of a sighting's curvature and its rate
 MAX_SIZE = 1e6  # no lane has such numbers; they would overflow the covariance
+AT_REST = 0.3  # share of the process noise that is left at rest
+MIN_STRETCH = 0.2  # least 1 - κ e: beyond the centre of a bend there is no lane
 MAX_MOTION = 1e3  # [m/s], [rad/s] beyond this a reading is a defect of the sensor, not motion
 
 
@@ -101,7 +103,8 @@ class LaneTracker:
     The state is (e, ψ, κ, κ'): lateral offset, heading error, curvature and its rate along the
     lane. Between sightings it moves with the car,
 
-    .. math:: \dot e = v\psi,\quad \dot\psi = \omega - v\kappa,\quad \dot\kappa = v\kappa'.
+    .. math:: \dot e = v\sin\psi,\quad \dot\psi = \omega - \kappa\dot s,\quad
+              \dot\kappa = \kappa'\dot s,\quad \dot s = \frac{v\cos\psi}{1 - \kappa e}.
 
     A sighting whose (e, ψ) is improbable (normalised innovation squared beyond the 99.9 % quantile)
     is treated as missing; after `MAX_REJECTED` in a row the filter restarts at the next, because
@@ -162,16 +165,29 @@ class LaneTracker:
         self._speed = v = float(speed) if abs(speed) <= MAX_MOTION else self._speed
         known = abs(yaw_rate) <= MAX_MOTION
         omega = float(yaw_rate) if known else v * float(self._filter.x[2])
-        transition = np.eye(4) + v * dt * np.diag([1.0, -1.0, 1.0], 1)
-        # Slip and yaw-rate error, heading noise, bends that change along the way.
+        kalman = self._filter
+        offset, heading, curvature, rate = kalman.x.tolist()
+        sin, cos = math.sin(heading), math.cos(heading)
+        stretch = cos / max(1.0 - curvature * offset, MIN_STRETCH)
+        transition = np.eye(4)
+        transition[0, 1] = v * dt * cos
+        transition[1, 1] += v * dt * curvature * sin
+        transition[1, 2], transition[2, 3] = -v * dt * stretch, v * dt * stretch
+        # Slip and yaw-rate error, heading noise, bends that change along the way; a car at rest
+        # stays where it is.
+        moves, turns = min(abs(v), 1.0) + AT_REST, 0.05 if known else 0.5
         deviation = dt * np.array(
-            [0.2 + 0.02 * abs(v), 0.05 if known else 0.5, 0.002 * abs(v), 0.001 * abs(v)]
+            [0.2 * moves + 0.02 * abs(v), turns * moves, 0.002 * abs(v), 0.001 * abs(v)]
         )
-        self._filter.predict(
-            u=np.array([omega * dt]),
-            B=np.array([[0.0], [1.0], [0.0], [0.0]]),
-            F=transition,
-            Q=np.diag(deviation**2 + 1e-12),
+        kalman.predict(F=transition, Q=np.diag(deviation**2 + 1e-12))
+        turn = omega - v * curvature * stretch
+        kalman.x = np.array(
+            [
+                offset + v * dt * math.sin(heading + 0.5 * dt * turn),
+                heading + dt * turn,
+                curvature + v * dt * stretch * rate,
+                rate,
+            ]
         )
 
     def _fuse(self, measurement: LaneMeasurement | None) -> bool:

@@ -21,8 +21,9 @@ class Status(StrEnum):
             where a constraint is not convex.
         REPAIRED: Admissible, but not verified to be the nearest, or the caller's own constraints
             cannot be kept together with the limits. The reason says which.
-        FALLBACK: Not what was asked for: the nominal or the previous command was not finite, or the
-            previous command was such that no answer keeps every bound.
+        FALLBACK: Not what was asked for: the nominal or the previous command was not finite, the
+            previous command was such that no answer keeps every bound, or nothing near the nominal
+            is certified to be safe.
     """
 
     NOMINAL = "nominal"

@@ -1,5 +1,6 @@
-"""Bounds on the next command that come from what is around the car."""
+"""What is around the car."""
 
-from shield.world.barrier import BarrierConfig, ObstacleBarrier
+from shield.world.corridor import Corridor
+from shield.world.world import Kind, Obstacles, World
 
-__all__ = ["BarrierConfig", "ObstacleBarrier"]
+__all__ = ["Corridor", "Kind", "Obstacles", "World"]

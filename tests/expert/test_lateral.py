@@ -25,7 +25,7 @@ def test_converges_to_the_target(speed: float, curvature: float) -> None:
     step = LIMITS.max_steering_rate * LIMITS.dt
     for _ in range(150):
         lane = at(offset, heading, curvature)
-        target = steer(lane, 0.0, 0.0, speed, steering, LIMITS)
+        target = steer(lane, (0.0, 0.0, 0.0), speed, steering, LIMITS)
         steering = max(steering - step, min(steering + step, max(-0.5, min(0.5, target))))
         offsets.append(offset)
         for _ in range(10):
@@ -45,22 +45,23 @@ def test_converges_to_the_target(speed: float, curvature: float) -> None:
 
 def test_signs() -> None:
     """Left of the target steers right; heading left steers right; a left bend steers left."""
-    assert steer(at(1.0, 0.0, 0.0), 0.0, 0.0, 8.0, 0.0, LIMITS) < 0.0
-    assert steer(at(0.0, 0.2, 0.0), 0.0, 0.0, 8.0, 0.0, LIMITS) < 0.0
-    assert steer(at(0.0, 0.0, 0.02), 0.0, 0.0, 8.0, 0.0, LIMITS) > 0.0
-    assert steer(at(0.0, 0.0, 0.0), 3.5, 0.0, 8.0, 0.0, LIMITS) > 0.0
-    assert steer(at(0.0, 0.0, 0.0), 0.0, 1.0, 8.0, 0.0, LIMITS) > 0.0
+    assert steer(at(1.0, 0.0, 0.0), (0.0, 0.0, 0.0), 8.0, 0.0, LIMITS) < 0.0
+    assert steer(at(0.0, 0.2, 0.0), (0.0, 0.0, 0.0), 8.0, 0.0, LIMITS) < 0.0
+    assert steer(at(0.0, 0.0, 0.02), (0.0, 0.0, 0.0), 8.0, 0.0, LIMITS) > 0.0
+    assert steer(at(0.0, 0.0, 0.0), (3.5, 0.0, 0.0), 8.0, 0.0, LIMITS) > 0.0
+    assert steer(at(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), 8.0, 0.0, LIMITS) > 0.0
+    assert steer(at(0.0, 0.0, 0.0), (0.0, 0.0, 1.0), 8.0, 0.0, LIMITS) > 0.0
 
 
 def test_the_way_back_of_the_wheels_counts() -> None:
     """With the wheels still turned in, the same state asks for less than with straight ones."""
     lane = at(1.0, -0.1, 0.0)
-    straight = steer(lane, 0.0, 0.0, 4.0, 0.0, LIMITS)
-    turned = steer(lane, 0.0, 0.0, 4.0, -0.4, LIMITS)
+    straight = steer(lane, (0.0, 0.0, 0.0), 4.0, 0.0, LIMITS)
+    turned = steer(lane, (0.0, 0.0, 0.0), 4.0, -0.4, LIMITS)
     assert turned > straight + 0.05
 
 
 def test_approach_angle_is_bounded() -> None:
     """Far away the commanded heading saturates: the steering no longer grows."""
-    far = [steer(at(e, 0.0, 0.0), 0.0, 0.0, 2.0, 0.0, LIMITS) for e in (5.0, 6.0)]
+    far = [steer(at(e, 0.0, 0.0), (0.0, 0.0, 0.0), 2.0, 0.0, LIMITS) for e in (5.0, 6.0)]
     assert np.isclose(far[0], far[1])

@@ -13,6 +13,7 @@ from irl_dal.config import RunConfig, parse, to_mapping
 from irl_dal.envs.road import LANES
 from irl_dal.loop import ControlLoop
 from irl_dal.planner.energy.clearance import scan_points
+from shield import PredictiveFilter
 
 
 @pytest.fixture
@@ -38,11 +39,12 @@ def begin(config: RunConfig) -> tuple[ControlLoop, dict[str, Any]]:
 
 @pytest.mark.parametrize("reach", [10.0, 15.0, 20.0, 60.0])
 def test_the_range_is_everybody_s(empty: RunConfig, reach: float) -> None:
-    """A beam without a return is none to barrier, clearance, expert, context and energies."""
+    """A beam without a return is none to world, clearance, expert, context and energies."""
     loop, info = begin(with_env(empty, lidar_range=reach, lidar_noise=0.0))
     far = np.full(loop.city.config.scanner.beams, reach)
-    loop._barrier.update(far, 8.0, 0.0)  # type: ignore[union-attr]
-    assert loop._barrier.bounds([0.0, 8.0], 0.0).max_speed == np.inf  # type: ignore[union-attr]
+    loop.world.reset()
+    loop.world.update(far, 8.0, 0.0, info["lane"])
+    assert len(loop.world.obstacles.points) == len(loop.world.frontier) == 0
     assert loop._clearance.update(far).clearance <= reach
     context = replace(info["context"], scan=far)
     assert len(scan_points(context)[0]) == 0
@@ -55,13 +57,12 @@ def test_the_range_is_everybody_s(empty: RunConfig, reach: float) -> None:
 
 @pytest.mark.parametrize("beams", [45, 90, 360])
 def test_any_number_of_beams_drives(empty: RunConfig, beams: int) -> None:
-    """Observation, barrier, context and expert take the scanner's own number."""
+    """Observation, world, context and expert take the scanner's own number."""
     loop, info = begin(with_env(empty, lidar_beams=beams))
     observation, *_, info = loop.step(np.array([0.0, 0.3]))
     assert observation["lidar"].shape == (beams,)
     assert info["context"].encode().shape == (64,)
-    assert loop._barrier is not None
-    assert len(loop._barrier.surroundings.scanner.angles) == beams
+    assert loop.world.scanner.beams == beams
     loop.close()
 
 
@@ -85,9 +86,10 @@ def test_the_outline_is_everybody_s(empty: RunConfig) -> None:
     scanner = loop.city.config.scanner
     assert scanner.mount == 4.4 and info["context"].scanner == scanner
     assert loop.city._lidar._mount == 4.4
-    assert loop._barrier is not None
-    assert loop._barrier.surroundings.scanner == scanner
-    assert loop._barrier._flanks._half_width == pytest.approx(1.1 + 0.25)
+    assert loop.world.scanner == scanner and loop.world.vehicle == vehicle
+    shield = loop.supervision.safety_filter
+    assert isinstance(shield, PredictiveFilter)
+    assert shield.geometry == vehicle and shield.world is loop.world
     assert loop._expert._scanner == scanner
     assert info["context"].vehicle == vehicle == loop.city.scene().geometry
     car = loop.city._vehicle

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import gymnasium
 import numpy as np
@@ -24,7 +24,6 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CITY_ID, CityEnv
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import Activation, ProjectionMode
-from shield import BarrierConfig
 
 
 @pytest.fixture
@@ -59,11 +58,14 @@ def blind_drive(config: RunConfig) -> tuple[bool, float]:
     return bool(info["collision"]), nearest
 
 
-def test_the_barrier_stops_a_policy_that_sees_nothing(straight: RunConfig) -> None:
-    """With it the car stands before what stands there; without it, it runs into it."""
-    collided, nearest = blind_drive(straight)
-    assert not collided and 1.0 < nearest < 2.0
-    shield = replace(straight.shield, barrier=BarrierConfig(enabled=False))
+@pytest.mark.parametrize("level", ["P0", "P1"])
+def test_the_filter_stops_a_policy_that_sees_nothing(
+    straight: RunConfig, level: Literal["P0", "P1"]
+) -> None:
+    """With it the car touches nothing; with its level off, it runs into what stands there."""
+    collided, nearest = blind_drive(replace(straight, shield=replace(straight.shield, level=level)))
+    assert not collided and 0.0 < nearest < 8.0
+    shield = replace(straight.shield, level="off")
     collided, _ = blind_drive(replace(straight, shield=shield))
     assert collided
 
@@ -80,8 +82,8 @@ def test_a_lidar_that_repeats_its_scan_while_the_car_drives_is_lost(straight: Ru
     assert all("lidar_lost" in each for each in reasons[10:])
 
 
-def test_without_the_shield_there_is_no_barrier(straight: RunConfig) -> None:
-    """It bounds what the shield lets through, and nothing without one."""
+def test_without_the_shield_nothing_is_certified(straight: RunConfig) -> None:
+    """Every command passes."""
     config = replace(straight, shield=replace(straight.shield, enabled=False))
     collided, _ = blind_drive(config)
     assert collided
@@ -142,12 +144,14 @@ def test_a_planner_that_sees_no_lane_is_not_asked(
     """Unless something is near, or the variant asks it all the same; the state stays risky."""
     for without_lane, asked in ((False, False), (True, True)):
         planner = replace(straight.planner, enabled=True, without_lane=without_lane)
-        config = replace(straight, planner=planner)
+        # Without a lane the predictive filter would stop the car before anything is near.
+        shield = replace(straight.shield, level="off")
+        config = replace(straight, planner=planner, shield=shield)
         loop = build_loop(config, supervision(config, build_planner(config)))
         loop.reset(seed=0)
         see = loop._lane.update
         monkeypatch.setattr(loop._lane, "update", lambda _, *motion, see=see: see(None, *motion))
-        ahead = loop.limits.to_action(np.array([0.0, 8.0]))
+        ahead = loop.limits.to_action(np.array([0.0, 4.0]))
         risks = [(loop._risk, loop.step(ahead)[-1]["triggered"]) for _ in range(150)]
         loop.close()
         blind = [triggered for risk, triggered in risks if risk.reasons == ("lane_lost",)]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from shield import CommandBounds, InvalidProblem, SafetyFilter, Status
+from shield import InvalidProblem, SafetyFilter, Status
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import (
     CITY,
@@ -47,34 +47,6 @@ def test_every_command_of_an_episode_is_admissible(data: st.DataObject) -> None:
         if not np.isfinite(wish).all():
             assert certificate.status is Status.FALLBACK
             assert certificate.reason
-
-
-@two_tiers(data=st.data())
-def test_bounds_of_a_step_never_cost_a_guarantee(data: st.DataObject) -> None:
-    """G1-G4 hold whatever the bounds of a step are, also bounds that contradict each other."""
-    limits = data.draw(st.sampled_from(VEHICLES))
-    shield = safety_filter(limits)
-    shield.reset(data.draw(admissible_commands(limits)))
-    for _ in range(data.draw(st.integers(1, 4))):
-        previous = shield.previous
-        wish = data.draw(commands(limits) | st.tuples(NASTY, NASTY).map(np.array))
-        bounds = CommandBounds(*data.draw(st.tuples(NASTY, NASTY, NASTY)))
-        certificate = shield.filter(wish, bounds=bounds)
-        assert broken_bounds(limits, [certificate.safe_action], previous) == []
-        assert certificate.max_violation == 0.0
-
-
-def test_a_fallback_keeps_the_bounds_of_the_step() -> None:
-    """The rest of the last plan goes on at 5 m/s; with a bound at 4.8 it goes on at that."""
-    free, bounded = SafetyFilter(CITY), SafetyFilter(CITY)
-    for shield in (free, bounded):
-        shield.reset([0.0, 5.0])
-        shield.filter([0.0, 5.0], np.tile([0.0, 5.0], (4, 1)))
-    wish = [np.nan, 5.0]
-    assert free.filter(wish).safe_action.tolist() == [0.0, 5.0]
-    certificate = bounded.filter(wish, bounds=CommandBounds(max_speed=4.8))
-    assert certificate.safe_action.tolist() == [0.0, 4.8]
-    assert certificate.status is Status.FALLBACK
 
 
 def test_a_lost_command_is_replaced_by_the_rest_of_the_plan_then_brakes() -> None:

@@ -36,6 +36,8 @@ def written_episode(steps: int = 4, **entries: object) -> Episode:
         "success": True,
         "collision": False,
         "off_road": False,
+        "at_fault": False,
+        "departed": False,
         "reward": np.ones(steps),
         "pose": np.zeros((steps + 1, 3)),
         "speed": np.zeros(steps + 1),

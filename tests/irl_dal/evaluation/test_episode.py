@@ -19,7 +19,11 @@ def test_an_episode_keeps_what_the_loop_says() -> None:
             infos.append(after)
     finally:
         rig.close()
+    infos[2] |= {"fault": "at_fault", "departure": True}
     episode = Episode.of(3, [first, *infos], actions, rewards)
+    infos[2]["fault"] = "at_rest"
+    assert episode.at_fault and episode.departed
+    assert not Episode.of(3, [first, *infos], actions, rewards).at_fault
     assert episode.steps == 5
     np.testing.assert_array_equal(episode.pose[0], first["pose"])
     np.testing.assert_array_equal(episode.pose[-1], infos[-1]["pose"])

@@ -55,15 +55,16 @@ def test_shares_of_episodes_and_steps() -> None:
     """Success counts episodes, collisions are events per thousand steps."""
     episodes = [
         written_episode(400, seed=10),
-        written_episode(100, seed=11, success=False, collision=True),
-        written_episode(300, seed=12, success=False, off_road=True),
+        written_episode(100, seed=11, success=False, collision=True, at_fault=True),
+        written_episode(300, seed=12, success=False, off_road=True, departed=True),
         written_episode(200, seed=13, success=False),
     ]
     numbers = report(*episodes)
     assert (numbers["episodes"], numbers["steps"]) == (4, 1000)
     assert numbers["seeds"] == [10, 11, 12, 13]
     assert numbers["episode_success"] == [True, False, False, False]
-    for key in ("success", "collision_rate", "off_road_rate", "timeout_rate"):
+    rates = ("collision_rate", "off_road_rate", "timeout_rate", "at_fault_rate", "departure_rate")
+    for key in ("success", *rates):
         assert numbers[key] == 0.25
     assert numbers["collisions_per_1k_steps"] == pytest.approx(1.0)
     low, high = numbers["success_ci95"]

@@ -72,10 +72,9 @@ def test_references_are_driven_once(
     bare = replace(small_config(held_out_episodes=0), shield=replace(config.shield, enabled=False))
     evaluate(bare, AgentSpec("random"), tmp_path)  # the references always drive under the shield
     longitudinal = replace(config.expert.longitudinal, cruise_speed=7.0)
-    barrier = replace(config.shield.barrier, enabled=False)
     for other in (
         replace(bare, expert=replace(config.expert, longitudinal=longitudinal)),
-        replace(bare, shield=replace(bare.shield, barrier=barrier)),
+        replace(bare, shield=replace(bare.shield, level="off")),
     ):
         with pytest.raises(AssertionError, match="driven again"):
             evaluate(other, AgentSpec("random"), tmp_path)

@@ -1,0 +1,337 @@
+"""What is around the car, built once a step: obstacles, unknown space and the corridor.
+
+Everything is in the frame of the car: the middle of the rear axle, x ahead, y to the left. Hits of
+the newest scan are joined by remembered ones: in directions that the scan says nothing about,
+behind something nearer, out of the field of view, and for a few scans where a beam passes through
+(a dropout looks like free space). Remembered hits move as their obstacle was last seen to move.
+
+A direction in which nothing works is unknown, not free: there unknown space begins at the distance
+up to which the way was last seen free, and comes nearer with every period.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass, field
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from shield.errors import Array, Mask, as_array, check_numbers
+from shield.estimation.clusters import ClusterTracker, Track
+from shield.estimation.lane import LaneEstimate, LaneGeometry
+from shield.estimation.scan import ScanFilter, ScannerGeometry
+from shield.vehicle import VehicleGeometry
+from shield.world.corridor import Corridor
+
+__all__ = ["Kind", "Obstacles", "World"]
+
+Index = NDArray[np.int64]
+
+PERSON_WIDTH = 1.0  # [m] anything wider is a vehicle or a wall
+# [m/s] from which narrow things walk although something wide is near, and drive
+WALKING, PERSON_SPEED = 0.4, 2.5
+VEHICLE_LENGTH = 7.0  # [m] longer clusters are walls and hedges, which stand
+PIECE = 1.0  # [m] from a new cluster to something wide that it is a piece of
+REARS = 10  # [scans] that the speed of a vehicle is fitted to: one second
+REAR_JUMP = 1.0  # [m] a rear that moves further in a scan belongs to something else
+REAR_SEEN = 0.3  # [m] ahead of the scanner up to which a rear is in view
+FIRM, FAIR = 6, 3  # sightings from which a velocity is firm, or worth something
+FIRM_ERROR, FAIR_ERROR, NEW_ERROR = 0.2, 0.6, 2.0  # [m/s] deviation of a velocity
+NEAR = 0.7  # [m] a hit this near to a remembered one, along the beam, renews it
+MISSES = 3  # scans in a row that look through a remembered hit before it is dropped
+HIDDEN_TIME = 3.0  # [s] for which a hit behind something nearer is remembered
+STRAY_TIME = 1.5  # [s] for which a person out of the field of view is: then they may be anywhere
+BESIDE_TIME = 20.0  # [s] for which anything else out of the field of view is
+MEMORY_WIDTH, MEMORY_BEHIND = 12.0, 3.0  # [m] where remembered hits matter
+COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
+MIN_RETURNS = 5  # hits in view that cannot vanish all at once
+INTRUSION_SPEED = 5.0  # [m/s] of what may enter unknown space
+LEAST_KNOWN = 0.5  # [m] nearer to the scanner unknown space does not come
+
+
+class Kind(IntEnum):
+    """What an obstacle is taken for."""
+
+    STRUCTURE = 0
+    VEHICLE = 1
+    PERSON = 2  # or anything as narrow: a post, a barrel
+
+
+@dataclass(slots=True)
+class Obstacles:
+    """Hits (n,), each with what is known of its obstacle.
+
+    Attributes:
+        points: Position (n, 2) [m].
+        velocity: Over the ground (n, 2) [m/s].
+        error: Deviation of the velocity (n,) [m/s].
+        kind: `Kind` (n,).
+        number: Of the tracked obstacle (n,); -1 for none.
+        age: Time since it was seen (n,) [s].
+        misses: Scans in a row that looked through it (n,).
+    """
+
+    points: Array
+    velocity: Array
+    error: Array
+    kind: Index
+    number: Index
+    age: Array
+    misses: Index
+
+    @classmethod
+    def none(cls) -> "Obstacles":
+        """No hits."""
+        whole = np.zeros(0, np.int64)
+        pairs, flat = np.zeros((0, 2)), np.zeros(0)
+        return cls(pairs, pairs, flat, whole, whole, flat, whole)
+
+    def where(self, chosen: Mask) -> "Obstacles":
+        """Those of a mask (n,)."""
+        return Obstacles(*(getattr(self, name)[chosen] for name in self.__slots__))
+
+    def joined(self, other: "Obstacles") -> "Obstacles":
+        """These and others."""
+        return Obstacles(
+            *(np.concatenate([getattr(self, n), getattr(other, n)]) for n in self.__slots__)
+        )
+
+
+@dataclass(slots=True)
+class _Rear:
+    """The rear of a tracked vehicle along the lane, and the speed that follows from it.
+
+    The middle of what is seen of a standing vehicle moves as its flank comes into view; its rear
+    does not.
+    """
+
+    places: deque[float] = field(default_factory=lambda: deque(maxlen=REARS))
+    pace: float = 0.0
+
+    def see(self, place: float, dt: float) -> None:
+        """Take its place along the lane [m]."""
+        if self.places and abs(place - self.places[-1] - self.pace * dt) > REAR_JUMP:
+            self.places.clear()
+            self.pace = 0.0
+        self.places.append(place)
+        if len(self.places) >= FAIR:
+            time = dt * (np.arange(len(self.places)) - 0.5 * (len(self.places) - 1))
+            self.pace = float(time @ np.array(self.places)) / float(time @ time)
+
+
+class World:
+    """Obstacles, unknown space and corridor of the newest scan and of those before it.
+
+    Args:
+        dt: Period of the scans [s].
+        scanner: Where it is and where its beams point.
+        vehicle: Outline of the car.
+        lanes: The lanes that the car may use; None where there are none.
+
+    Attributes:
+        obstacles: All hits.
+        frontier: Where unknown space begins (k, 2), in the directions that were not seen [m].
+        corridor: The road, as far as it is known; None where there are no lanes.
+        speed: Own speed [m/s].
+        flags: What could not be trusted in the newest scan.
+    """
+
+    def __init__(
+        self,
+        dt: float,
+        scanner: ScannerGeometry,
+        vehicle: VehicleGeometry,
+        lanes: LaneGeometry | None,
+    ) -> None:
+        self.scanner, self.vehicle, self.lanes = scanner, vehicle, lanes
+        self._dt = dt
+        self._reach = scanner.max_range - 0.5
+        self._angles = scanner.angles
+        self._rays = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
+        self._tracker = ClusterTracker(dt, scanner.mount, width=VEHICLE_LENGTH)
+        self._scan_filter = ScanFilter(scanner.max_range)
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the episode; before the first scan nothing is known."""
+        self._tracker.reset()
+        self._scan_filter.reset()
+        self.obstacles = Obstacles.none()
+        self._rears: dict[int, _Rear] = {}
+        self._driven = 0.0
+        self._known: Array = np.full(self.scanner.beams, LEAST_KNOWN)
+        self.frontier: Array = self._place(self._known)
+        self.corridor: Corridor | None = None
+        self.speed = 0.0
+        self.flags: tuple[str, ...] = ()
+
+    def update(
+        self, scan: ArrayLike, speed: float, yaw_rate: float, lane: LaneEstimate | None = None
+    ) -> None:
+        """Take a scan and a lane estimate.
+
+        Args:
+            scan: Ranges of the scanner's beams [m], shape (n,), as in `ScanFilter.examine`.
+            speed: Own speed since the last scan [m/s]; the last known one if not finite.
+            yaw_rate: Own yaw rate since the last scan [rad/s]; 0 if not finite.
+            lane: Where the car is in its lane; None where it is not known.
+
+        Raises:
+            InvalidProblem: An argument is not of numbers, or `scan` not of the scanner's shape.
+        """
+        ranges = as_array("scan", scan, (self.scanner.beams,))
+        check_numbers(speed=speed, yaw_rate=yaw_rate)
+        self.speed = float(speed) if math.isfinite(speed) else self.speed
+        yaw_rate = float(yaw_rate) if math.isfinite(yaw_rate) else 0.0
+        if self.lanes is not None:
+            self.corridor = Corridor.around(lane, self.lanes)
+        clean = self._scan_filter.examine(ranges, self.speed)
+        remembered = self._carry(self.speed, yaw_rate)
+        hits = self.scanner.returned(clean.ranges)
+        unseen = np.full(ranges.shape, clean.frozen) | ~_nearby(clean.working)
+        repeated = bool(hits.any() and clean.repeated[hits].all())
+        blank = not hits.any() and (self._beam_of(remembered.points)[0] >= 0).sum() >= MIN_RETURNS
+        doubtful = unseen | ~clean.working | repeated | blank | ~_nearby(~clean.repeated)
+        new = Obstacles.none()
+        if not repeated:
+            points = clean.ranges[hits, None] * self._rays[hits]
+            new = self._take(points, remembered, self.speed, yaw_rate)
+        measured = np.where(hits, clean.ranges, np.inf)
+        self.obstacles = new.joined(self._keep(remembered, measured, doubtful))
+        self._align(self.obstacles)
+        self._shrink(unseen)
+        self.flags = tuple(
+            name
+            for name, holds in (
+                ("scanner frozen", clean.frozen or repeated),
+                ("scanner blind", bool(unseen.mean() > 0.5)),
+                ("lane lost", self.lanes is not None and self.corridor is None),
+            )
+            if holds
+        )
+
+    def _place(self, ranges: Array) -> Array:
+        """Points (n, 2) at distances (n,) along the beams."""
+        points = ranges[:, None] * self._rays
+        return np.asarray(points + np.array([self.scanner.mount, 0.0]))
+
+    def _beam_of(self, points: Array) -> tuple[Index, Array]:
+        """Nearest beam of points (n, 2), -1 out of view, and their distance from the scanner."""
+        ahead, left = points[:, 0] - self.scanner.mount, points[:, 1]
+        angle = np.arctan2(left, ahead)
+        spacing = self._angles[1] - self._angles[0]
+        beam = np.rint((angle - self._angles[0]) / spacing).astype(np.int64)
+        inside = (beam >= 0) & (beam < len(self._angles))
+        return np.where(inside, beam, -1), np.hypot(ahead, left)
+
+    def _carry(self, speed: float, yaw_rate: float) -> Obstacles:
+        """Move what is known by one period, own motion and that of the obstacles."""
+        known, dt = self.obstacles, self._dt
+        turn = yaw_rate * dt
+        moved = known.points + known.velocity * dt
+        moved[:, 0] -= speed * dt * math.cos(0.5 * turn)
+        moved[:, 1] -= speed * dt * math.sin(0.5 * turn)
+        cos, sin = math.cos(turn), math.sin(turn)
+        back = np.array([[cos, -sin], [sin, cos]])
+        return Obstacles(
+            moved @ back,
+            known.velocity @ back,
+            known.error,
+            known.kind,
+            known.number,
+            known.age + dt,
+            known.misses,
+        )
+
+    def _take(self, points: Array, before: Obstacles, speed: float, yaw_rate: float) -> Obstacles:
+        """The obstacles of a scan's hits (n, 2) in the scanner's frame."""
+        count, road = len(points), self.corridor
+        distance = speed * self._dt
+        self._driven += distance if road is None else road.advance(distance)
+        placed = points + np.array([self.scanner.mount, 0.0])
+        along = placed[:, 0] if road is None else road.locate(placed)[0]
+        velocity, error = np.zeros((count, 2)), np.zeros(count)
+        kind, number = np.full(count, int(Kind.STRUCTURE)), np.full(count, -1)
+        remembered = set(self.obstacles.number.tolist())
+        self._rears = {n: rear for n, rear in self._rears.items() if n in remembered}
+        wide = before.points[before.kind != Kind.PERSON]
+        for track in self._tracker.update(points, speed, yaw_rate):
+            rows = slice(track.first, track.last + 1)
+            number[rows] = track.number
+            if self._is_person(track, points, wide):
+                kind[rows], velocity[rows] = Kind.PERSON, track.velocity
+                firm, fair = track.sightings >= FIRM, track.sightings >= FAIR
+                error[rows] = FIRM_ERROR if firm else FAIR_ERROR if fair else NEW_ERROR
+                continue
+            rear, place = self._rears.setdefault(track.number, _Rear()), float(along[rows].min())
+            if place > self.scanner.mount + REAR_SEEN:
+                rear.see(self._driven + place, self._dt)
+            kind[rows], velocity[rows] = Kind.VEHICLE, (rear.pace, 0.0)
+            error[rows] = FIRM_ERROR if len(rear.places) >= FIRM else FAIR_ERROR
+        return Obstacles(
+            placed, velocity, error, kind, number, np.zeros(count), np.zeros(count, np.int64)
+        )
+
+    def _is_person(self, track: Track, points: Array, wide: Array) -> bool:
+        """Whether a cluster is narrow, and no piece of something wide (n, 2) that was there.
+
+        What walks sideways is a person wherever it is, what is faster is none. Along the road the
+        end of a flank that comes into view seems to walk, too.
+        """
+        if math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH:
+            return False
+        if track.sightings >= FIRM:
+            pace = math.hypot(*track.velocity.tolist())
+            if pace >= PERSON_SPEED:
+                return False
+            if abs(track.velocity[1]) >= WALKING:
+                return True
+        middle = track.position + np.array([self.scanner.mount, 0.0])
+        return not len(wide) or float(np.hypot(*(wide - middle).T).min()) >= PIECE
+
+    def _align(self, obstacles: Obstacles) -> None:
+        """Let vehicles go along the road."""
+        vehicle = obstacles.kind == Kind.VEHICLE
+        if self.corridor is not None and vehicle.any():
+            along, _ = self.corridor.locate(obstacles.points[vehicle])
+            velocity = obstacles.velocity[vehicle]
+            pace = np.copysign(np.hypot(*velocity.T), velocity[:, 0])
+            obstacles.velocity[vehicle] = pace[:, None] * self.corridor.direction(along)
+
+    def _keep(self, known: Obstacles, measured: Array, doubtful: Mask) -> Obstacles:
+        """What is remembered beside a scan (n,) [m], infinite where nothing returned."""
+        if not len(known.points):
+            return known
+        beam, distance = self._beam_of(known.points)
+        last = len(measured) - 1
+        around = measured[np.clip(np.stack([beam - 1, beam, beam + 1]), 0, last)]
+        in_view = beam >= 0
+        doubted = in_view & doubtful[beam]
+        renewed = in_view & ~doubted & (np.abs(around - distance) < NEAR).any(axis=0)
+        hidden = in_view & ~renewed & (around[1] < distance)
+        missed = in_view & ~doubted & ~renewed & ~hidden
+        misses = np.where(missed, known.misses + 1, np.where(in_view & ~doubted, 0, known.misses))
+        limit = np.where(in_view & hidden, HIDDEN_TIME, BESIDE_TIME)
+        limit = np.where(~in_view & (known.kind == Kind.PERSON), STRAY_TIME, limit)
+        x, y = known.points.T
+        kept = ~renewed & (misses < MISSES) & (known.age < limit)
+        kept &= (x > -MEMORY_BEHIND) & (np.abs(y) < MEMORY_WIDTH)
+        known.misses = misses
+        return known.where(kept)
+
+    def _shrink(self, unseen: Mask) -> None:
+        """Let unknown space come nearer in the unseen directions (n,)."""
+        nearer = (INTRUSION_SPEED + max(self.speed, 0.0)) * self._dt
+        shrunk = np.maximum(self._known - nearer, LEAST_KNOWN)
+        self._known = np.where(unseen, shrunk, max(self._reach, LEAST_KNOWN))
+        self.frontier = self._place(self._known)[unseen]
+
+
+def _nearby(beams: Mask) -> Mask:
+    """Directions (n,) that one of `beams` (n,) covers."""
+    covered = beams.copy()
+    for shift in range(1, COVERED_BY + 1):
+        covered[shift:] |= beams[:-shift]
+        covered[:-shift] |= beams[shift:]
+    return covered
