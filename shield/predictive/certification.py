@@ -25,8 +25,9 @@ VEHICLE_GROWTH = 0.5  # [m/s] added to the velocity's error of a moving vehicle
 LEAST_MARGIN = 0.1  # [m] that a car which is nearer than its margin keeps in any case
 BESIDE_ROOM = 0.5  # [m] beyond the corridor's edges where things that stand may still be near
 ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
-# [m] by which corners may swing out on a detour that leads back, and how far along it
-SWING, SWING_LENGTH = 0.05, 1.5
+# [m] by which corners may swing out on a detour that leads back, and how far along it; share of the
+# lane's error up to which they may
+SWING, SWING_LENGTH, SWING_SHARE = 0.05, 1.5, 0.5
 RETURN = 0.05  # by how much less a car outside has to be so, per metre
 REST = 0.05  # [m/s] at which a car stands
 # Ahead of the bumper, in lengths of the car, that a car which stops needs to steer free; and beside
@@ -261,8 +262,9 @@ class Certification:
                     # From outside, what leads back is the way in.
                     now = self._outside_now
                     back = (left.max(axis=1) <= now) & (left[:, -1] < now)
-                    if not roomy:
-                        back |= left.max(axis=1) <= now + SWING
+                    if not roomy:  # a tolerance on what is now alone would be a ratchet
+                        swung = min(now + SWING, SWING_SHARE * self._lane_error())
+                        back |= left.max(axis=1) <= swung
                     outside = np.where(back, 0.0, np.maximum(outside, 1e-3))
         certified = (missing <= 0.0) & (outside <= 0.0) & ~cramped
         return Verdicts(certified, missing, needed, threat, period, outside, cramped)
@@ -344,13 +346,18 @@ class Certification:
             ((ahead > 0.0) & (ahead < self._room) & (aside < STANDING_MARGIN)).any(axis=1)
         )
 
+    def _lane_error(self) -> float:
+        """By how much the lane estimate may err at the bumper [m] (A9)."""
+        corridor, assumed = self._world.corridor, self._assumptions
+        assert corridor is not None
+        seen = 0.5 * assumed.lane_preview**2 * abs(corridor.lane[3])
+        return assumed.lane_sigmas * corridor.std + seen
+
     def _outside(self, offset: Array, heading: Array, curvature: Array) -> Array:
         """By how much the corners leave the corridor, or the nose turns out of it (B, N) [m]."""
         corridor, vehicle = self._world.corridor, self._vehicle
         assert corridor is not None
-        assumed = self._assumptions
-        error = assumed.lane_sigmas * corridor.std
-        error += 0.5 * assumed.lane_preview**2 * abs(corridor.lane[3])
+        assumed, error = self._assumptions, self._lane_error()
         sin, half = np.sin(heading), 0.5 * vehicle.width * np.cos(heading)
         front, rear = vehicle.front_bumper, vehicle.rear_overhang
         nose = offset + front * sin - 0.5 * curvature * front * front
