@@ -25,7 +25,7 @@ from shield import Assumptions, PredictiveFilter, SafetyFilter
 
 # Spawn keys of the planner's random stream and of the training episodes': none of those that
 # learning splits the seed into.
-STANDOFF_MARGIN = 0.1  # [m] that the shield keeps beyond the distance that counts as a collision
+CLEARANCE_MARGIN = 0.1  # [m] that the shield keeps beyond the distance that counts as a collision
 _PLANNER, _EPISODES = (1_000,), (1_001,)
 
 
@@ -117,7 +117,7 @@ def _safety_filter(config: RunConfig) -> PredictiveFilter | SafetyFilter:
         config.env.scanner,
         Assumptions(level=config.shield.level),
         lanes=LANES,
-        standoff=config.env.collision_distance + STANDOFF_MARGIN,
+        scanner_clearance=config.env.collision_distance + CLEARANCE_MARGIN,
         solver=solver,
         deadline=deadline,
     )

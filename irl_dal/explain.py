@@ -48,7 +48,7 @@ def _main(composed: DictConfig) -> None:
     console.print(f"written to {out}", soft_wrap=True)
 
 
-def _drive(rig: Rig, seed: int, wanted: int | None) -> tuple[int, Certificate]:
+def _drive(rig: Rig, seed: int, target: int | None) -> tuple[int, Certificate]:
     """Drive up to a step, or to the first that the shield changes; its number and certificate."""
     rig.agent.reset(seed)
     observation, info = rig.loop.reset(seed=seed)
@@ -58,11 +58,11 @@ def _drive(rig: Rig, seed: int, wanted: int | None) -> tuple[int, Certificate]:
         observation, _, terminated, truncated, info = rig.agent.drive(rig.loop, action)
         step, over = step + 1, terminated or truncated
         certificate: Certificate = info["certificate"]
-        if step == wanted or (wanted is None and certificate.intervened):
+        if step == target or (target is None and certificate.intervened):
             return step, certificate
-    if wanted is None:
+    if target is None:
         raise ConfigError(f"drive = {seed}: the shield changed none of the {step} steps")
-    raise ConfigError(f"step = {wanted}: the drive ended after {step} steps")
+    raise ConfigError(f"step = {target}: the drive ended after {step} steps")
 
 
 if __name__ == "__main__":

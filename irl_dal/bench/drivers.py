@@ -1,4 +1,4 @@
-"""Drivers who ask for what no driver should, from random commands to aiming at people."""
+"""Bad drivers, from random commands to steering at people."""
 
 import itertools
 from collections.abc import Callable, Mapping
@@ -87,7 +87,7 @@ def _at_nearest(loop: ControlLoop, rng: np.random.Generator) -> Driver:
 def _at_moving(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     """Steers at the nearest thing that can move, by the truth."""
 
-    def drive(_: Observation, info: Info) -> Array:
+    def command(_: Observation, info: Info) -> Array:
         scene, (x, y, yaw) = loop.city.scene(), info["pose"]
         movers = [o for o in scene.obstacles if o.bodies and (o.cruise or o.crossing)]
         places = np.array([scene.road.pose(o.s, o.d)[:2] for o in movers]).reshape(-1, 2) - (x, y)
@@ -97,19 +97,19 @@ def _at_moving(loop: ControlLoop, rng: np.random.Generator) -> Driver:
         bearing = float(np.arctan2(nearest[1], nearest[0])) - yaw
         return np.array([np.arctan2(np.sin(bearing), np.cos(bearing)), BRISK])
 
-    return drive
+    return command
 
 
 def _oncoming(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     """Keeps to the middle of the inner oncoming lane."""
 
-    def drive(_: Observation, info: Info) -> Array:
+    def command(_: Observation, info: Info) -> Array:
         lane = info["lane"]
         bend = np.arctan(loop.limits.wheelbase * lane.curvature)
         error = lane.lateral_offset - 2.0 * LANE_WIDTH
         return np.array([bend - AIM * error - TURN * lane.heading_error, BRISK])
 
-    return drive
+    return command
 
 
 def _brake_accelerate(loop: ControlLoop, rng: np.random.Generator) -> Driver:

@@ -73,8 +73,8 @@ def drive(loop: ControlLoop, driver: Driver, seed: int, stretch: int = 0) -> Tri
         }
         end = next((name for name, reached in ends.items() if reached), "")
     distance, changed, taken, clearances = np.array(rows, np.float64).T
-    told = float(distance.sum()), float(changed.mean()), taken, clearances
-    return Trial(seed, end, fault, *told, tuple(reasons))
+    numbers = float(distance.sum()), float(changed.mean()), taken, clearances
+    return Trial(seed, end, fault, *numbers, tuple(reasons))
 
 
 def search(loop: ControlLoop, rng: np.random.Generator, seed: int, stretch: int = 0) -> Trial:

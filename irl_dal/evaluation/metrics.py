@@ -9,7 +9,7 @@ Shares are fractions. `<key>_ci95` is the 95 % bootstrap interval [low, high] ov
 * `at_fault_rate`: share of episodes in which the car touched something or left its lanes, and
   neither standing, nor a hit from behind, nor a broken assumption excuses it
   (`irl_dal.envs.attribution`); `departure_rate`: share in which a corner of its body was beyond the
-  edges of its own two lanes, whoever's fault.
+  edges of its own two lanes, regardless of fault.
 * `collisions_per_1k_steps`: 1000 * collisions / steps. A collision is an event, it ends an episode.
 * `mean_return`: mean over episodes of the undiscounted sum of the environment reward.
 * `normalized_return`: 200 (R - R_random) / (R_expert - R_random) on the same seeds, clipped to

@@ -20,11 +20,11 @@ KINDS = ("obstacle", "car", "barrel")  # colour of `Kind.STRUCTURE`, `VEHICLE` a
 
 def certified_step(shield: PredictiveFilter, certificate: Certificate) -> Figure:
     """Two views of the step that the shield has just filtered, the car's heading up."""
-    wish, safe = certificate.nominal_action, certificate.safe_action
+    nominal, safe = certificate.nominal_action, certificate.safe_action
     reason = fill(certificate.reason or "certified", TITLE_WIDTH)
     titles = (
         f"committed: {safe[0]:+.3f} rad, {safe[1]:.2f} m/s, then to rest",
-        f"asked for: {wish[0]:+.3f} rad, {wish[1]:.2f} m/s\n{reason}",
+        f"asked for: {nominal[0]:+.3f} rad, {nominal[1]:.2f} m/s\n{reason}",
     )
     with drawing(10.0, 7.4) as figure:
         axes = figure.subplots(1, 2, sharey=True)

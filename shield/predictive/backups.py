@@ -215,8 +215,8 @@ class _Law:
         """Steering that brings the car to an offset and along it."""
         v = casadi.fmax(speed, LEAST_FEEDBACK_SPEED)
         approach = (target - offset) / (OFFSET_TIME * v)
-        wanted = casadi.fmin(casadi.fmax(approach, -MAX_APPROACH), MAX_APPROACH)
+        reference = casadi.fmin(casadi.fmax(approach, -MAX_APPROACH), MAX_APPROACH)
         parallel = curvature / casadi.fmax(1.0 - curvature * offset, 0.4)
         return casadi.atan(
-            self._limits.wheelbase * (parallel + (wanted - heading) / (HEADING_TIME * v))
+            self._limits.wheelbase * (parallel + (reference - heading) / (HEADING_TIME * v))
         )

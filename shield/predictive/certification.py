@@ -201,9 +201,9 @@ class Certification:
         vehicle: VehicleGeometry,
         dt: float,
         braking: float,
-        standoff: float,
+        scanner_clearance: float,
     ) -> None:
-        self._standoff = standoff
+        self._scanner_clearance = scanner_clearance
         self._world, self._assumptions, self._vehicle, self._dt = world, assumptions, vehicle, dt
         speed = abs(world.speed)
         self._stop_time = speed / braking + 3.0 * dt
@@ -329,10 +329,10 @@ class Certification:
         aside = np.abs(cos * dy - sin * dx) - 0.5 * vehicle.width
         apart = np.hypot(np.maximum(ahead, 0.0), np.maximum(aside, 0.0))
         apart = apart + np.minimum(np.maximum(ahead, aside), 0.0) - radius
-        if self._standoff:
+        if self._scanner_clearance:
             front = self._world.scanner.mount
             from_scanner = np.hypot(cos * dx + sin * dy - front, cos * dy - sin * dx)
-            apart = np.minimum(apart, from_scanner - self._standoff + self._margin)
+            apart = np.minimum(apart, from_scanner - self._scanner_clearance + self._margin)
         return np.asarray(apart)
 
     def _cramped(self, x: Array, y: Array, yaw: Array) -> Mask:

@@ -1,7 +1,7 @@
-"""The way around what blocks a driver who wants to go on: certified, at walking pace.
+"""The way around what blocks a driver who asks to go on: certified, at walking pace.
 
 Of all steering angles the one is taken on whose arc the car gets furthest. The wheels turn while
-the car stands, then it creeps; the driver has it back as soon as the way is free.
+the car stands, then it creeps; the driver's commands are taken again once their way is free.
 """
 
 import numpy as np
@@ -42,9 +42,9 @@ class Detour:
         self, checks: Certification, nominal: Array, previous: Array, speed: float
     ) -> Array | None:
         """The command (2,) [rad, m/s] to try in place of the nominal one; None if not blocked."""
-        wants = nominal[1] > 0.0 and speed < 1.5 * CREEP
+        slow = nominal[1] > 0.0 and speed < 1.5 * CREEP
         limit = min(float(nominal[1]), CREEP)
-        if not wants:
+        if not slow:
             self.reset()
             return None
         if self._steering is None and speed > 0.5 * CREEP:

@@ -40,7 +40,7 @@ class PredictiveFilter:
         scanner: Where the scanner is and where its beams point.
         assumptions: What the promise rests on.
         lanes: The lanes that the car may use; None for a car without lanes.
-        standoff: Distance from the scanner that counts as touched [m]; 0: the body alone does.
+        scanner_clearance: Distance from the scanner that counts as a contact [m]; 0: none does.
         solver: As of `SafetyFilter`.
         deadline: Time after which the search ends, and the committed backup is the answer [s].
 
@@ -62,7 +62,7 @@ class PredictiveFilter:
         assumptions: Assumptions | None = None,
         *,
         lanes: LaneGeometry | None = None,
-        standoff: float = 0.0,
+        scanner_clearance: float = 0.0,
         solver: str | SolverFactory = "osqp",
         deadline: float = 0.05,
     ) -> None:
@@ -73,8 +73,8 @@ class PredictiveFilter:
         self.checks: Certification | None = None
         self.motion: Motions | None = None
         self.refused: Motions | None = None
-        check_within(InvalidLimits, 0.0, math.inf, standoff=standoff)
-        self._deadline, self._standoff = deadline, standoff
+        check_within(InvalidLimits, 0.0, math.inf, scanner_clearance=scanner_clearance)
+        self._deadline, self._scanner_clearance = deadline, scanner_clearance
         self._library = BackupLibrary(limits, self.assumptions)
         self._detour = Detour(limits)
         self._projector = HorizonProjector(limits, 1, solver, deadline=deadline)
@@ -104,7 +104,7 @@ class PredictiveFilter:
         self.restart(command, self.world)
 
     def restart(self, command: ArrayLike | None, world: World) -> None:
-        """Forget the commitment alone, and go on in a world that somebody else updates."""
+        """Forget the commitment, but keep a world, which its owner updates."""
         self.world = world
         self._filter.reset(command)
         self._tail: Array = np.zeros((0, 2))
@@ -134,13 +134,13 @@ class PredictiveFilter:
             InvalidProblem: A shape or a type does not fit.
         """
         begin = time.perf_counter()
-        wish = as_array("nominal", nominal, (2,)).copy()
+        nominal_action = as_array("nominal", nominal, (2,)).copy()
         self.checks = checks = self._look()
         self.motion = self.refused = None
-        reason, command = f"nominal {wish.tolist()} is not finite", None
-        if np.isfinite(wish).all():
-            detour = self._detour.suggest(checks, wish, self.previous, self.world.speed)
-            asked = wish if detour is None else detour
+        reason, command = f"nominal {nominal_action.tolist()} is not finite", None
+        if np.isfinite(nominal_action).all():
+            detour = self._detour.suggest(checks, nominal_action, self.previous, self.world.speed)
+            asked = nominal_action if detour is None else detour
             asked = self._projector.project(asked[None], self.previous).actions[0]
             start = self._start()
             command, reason = self._certify(checks, start, asked)
@@ -151,12 +151,12 @@ class PredictiveFilter:
             status, command = Status.FALLBACK, self._go_on()
             reason += "; the committed backup goes on"
         certificate = self._filter.filter(command, plan)
-        changed = not np.array_equal(certificate.safe_action, wish)
-        wish.flags.writeable = False
+        changed = not np.array_equal(certificate.safe_action, nominal_action)
+        nominal_action.flags.writeable = False
         return replace(
             certificate,
-            nominal_action=wish,
-            correction=certificate.safe_action - wish,
+            nominal_action=nominal_action,
+            correction=certificate.safe_action - nominal_action,
             status=status if changed else Status.NOMINAL,
             reason=reason or certificate.reason,
             intervened=changed,
@@ -171,7 +171,7 @@ class PredictiveFilter:
             self.geometry,
             self.limits.dt,
             self._library.braking,
-            self._standoff,
+            self._scanner_clearance,
         )
 
     def _start(self) -> Start:
@@ -218,10 +218,10 @@ class PredictiveFilter:
         for backup in list(self._order()):
             if best == 0 or time.perf_counter() > deadline:
                 break
-            motions = self._library.roll_out(start, candidates, backup)
-            certified = checks.check(
-                motions, FRESH_MARGIN, roomy=not self._detour.active
-            ).certified[:best]
+            # Of the further backups only what would be nearer is of interest.
+            motions = self._library.roll_out(start, candidates[:best], backup)
+            verdicts = checks.check(motions, FRESH_MARGIN, roomy=not self._detour.active)
+            certified = verdicts.certified
             if certified.any():
                 best = int(certified.argmax())
                 chosen = motions, best, backup

@@ -276,8 +276,8 @@ class World:
     def _is_person(self, track: Track, points: Array, wide: Array) -> bool:
         """Whether a cluster is narrow, and no piece of something wide (n, 2) that was there.
 
-        What walks sideways is a person wherever it is, what is faster is none. Along the road the
-        end of a flank that comes into view seems to walk, too.
+        A cluster that moves sideways at a walking pace is a person wherever it is; a faster cluster
+        is a vehicle. Along the road the end of a flank that comes into view seems to walk, too.
         """
         if math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH:
             return False

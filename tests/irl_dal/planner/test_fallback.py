@@ -116,14 +116,20 @@ def test_weights_that_diverged_give_a_fallback() -> None:
     assert made.counts["fallback_sample"] == 1
 
 
-def test_a_passed_deadline_gives_the_last_plan_shifted_then_braking() -> None:
-    """Too late: the rest of the last plan while it is followed, braking otherwise; counted."""
-    made = planner()
-    plan = made.plan(context())
+def late_after(made: DiffusionPlanner) -> DiffusionPlanner:
+    """A planner that is always too late, with another's last plan."""
     late = DiffusionPlanner(
         PlannerConfig(deadline=1e-9), LIMITS, generator=torch.Generator().manual_seed(0)
     )
     late._fallback, late._last_first = made._fallback, made._last_first
+    return late
+
+
+def test_a_passed_deadline_gives_the_last_plan_shifted_then_braking() -> None:
+    """Too late: the rest of the last plan while it is followed, braking otherwise; counted."""
+    made = planner()
+    plan = made.plan(context())
+    late = late_after(made)
     followed = late.plan(replace(context(), previous=plan.actions[0]))
     np.testing.assert_array_equal(followed.actions[:-1], plan.actions[1:])
     assert "shifted" in followed.reason and followed.status is Status.FALLBACK
@@ -139,10 +145,7 @@ def test_a_plan_is_followed_within_one_rate_step_of_its_sign() -> None:
     """Further above the plan than the car can accelerate in a step, the plan was not followed."""
     made = planner()
     plan = made.plan(context())
-    late = DiffusionPlanner(
-        PlannerConfig(deadline=1e-9), LIMITS, generator=torch.Generator().manual_seed(0)
-    )
-    late._fallback, late._last_first = made._fallback, made._last_first
+    late = late_after(made)
     rise, fall = LIMITS.max_increase[1], LIMITS.max_decrease[1]
     assert rise < fall
     for change, followed in ((0.9 * rise, True), (0.9 * fall, False), (-0.9 * fall, True)):
