@@ -7,9 +7,8 @@ import pytest
 GROUPS = {
     "trainings": ("irl_dal/test_commands.py", "irl_dal/sweep/"),
     "comparison": ("irl_dal/comparison/", "irl_dal/figures/test_comparison_page.py"),
-    "short run": ("irl_dal/learning/test_pipeline.py",),
-    "evaluation": ("irl_dal/evaluation/test_suite.py",),
-    "torch's optimisers": ("irl_dal/bench/test_bench_learning.py",),
+    "short run": ("irl_dal/learning/test_pipeline.py", "irl_dal/learning/collection/"),
+    "evaluation": ("irl_dal/evaluation/test_suite.py", "irl_dal/evaluation/test_workers.py"),
     "drives of the expert": ("expert/test_fsm.py",),
 }
 """What is made once, and the files below `tests` that use it."""

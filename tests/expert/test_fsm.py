@@ -34,10 +34,10 @@ def episode(seed: int) -> tuple[dict[str, object], list[Mode], list[np.ndarray]]
     return info, modes, commands
 
 
-SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(502, 506)]
+SLOW = [pytest.param(seed, marks=pytest.mark.slow) for seed in range(501, 506)]
 
 
-@pytest.mark.parametrize("seed", [500, 501, *SLOW])
+@pytest.mark.parametrize("seed", [500, *SLOW])
 def test_reaches_the_goal(seed: int) -> None:
     """A whole drive in the default city, without touching anything."""
     info, modes, _ = episode(seed)

@@ -116,8 +116,12 @@ def test_an_interrupted_evaluation_goes_on(
     assert len(list((trained / "unfinished").iterdir())) == 1  # of the one without a shield
 
 
+@pytest.mark.slow
 def test_ctrl_c_is_one_line_and_ends_the_processes(tmp_path: Path) -> None:
-    """Sent to the whole group, as a terminal does, while two processes drive."""
+    """Sent to the whole group, as a terminal does, while two processes drive.
+
+    Its parts are fast: an interrupted evaluation in this file, deaf processes in `test_workers`.
+    """
     root = Path(train.__file__).resolve().parents[1]
     extent = ("policy=random", "episodes=400", "n_jobs=2", "env.time_limit=1")
     process = subprocess.Popen(

@@ -28,10 +28,11 @@ def test_lane_numbers_are_those_of_the_errors() -> None:
     assert drive.outcome == "success" and drive.steps == len(drive.offset) - 1
 
 
-def test_speed_is_positive_and_peers_are_named() -> None:
+def test_speed_is_positive_and_peers_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The city is in the table; what is missing says which package brings it."""
     rates = compare_speed(1, 5, SHORT)
     assert rates["IRLDAL/City-v0"] > 0.0
+    monkeypatch.setattr("irl_dal.bench.speed.compare_speed", lambda *_: rates)
     first, *others = speed_tables(1, 5, SHORT)
     assert isinstance(first, Table) and first.row_count == len(rates)
     named = " ".join(line for line in others if isinstance(line, str))
@@ -48,9 +49,12 @@ def test_the_car_is_nearly_a_bicycle() -> None:
     assert speed_response(5.0, 5.3).gain == pytest.approx(1.0, abs=0.01)
 
 
-def test_commands_print_tables(capsys: pytest.CaptureFixture[str]) -> None:
+def test_commands_print_tables(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`lane` shows errors, validity and the expert's own violations."""
-    main(["lane", "--episodes", "1", "--difficulty", "easy", "--first-seed", "3"])
+    monkeypatch.setattr("irl_dal.bench.__main__._city", lambda _: SHORT)
+    main(["lane", "--episodes", "1", "--jobs", "1", "--first-seed", "3"])
     text = capsys.readouterr().out
     for words in ("RMSE after tracking", "valid estimate", "confidently wrong", "own violations"):
         assert words in text

@@ -1,14 +1,19 @@
 """Who computes on how many threads."""
 
 import os
+import runpy
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
+import irl_dal
 from irl_dal.cli.threads import one_thread, threads
+
+SOURCE = Path(irl_dal.__file__).parent / "cli" / "threads.py"
 
 
 def blas_threads() -> set[int]:
@@ -33,34 +38,27 @@ def test_driving_takes_one_thread_and_gives_the_others_back() -> None:
         torch.set_num_threads(own)
 
 
-@pytest.mark.parametrize(("given", "used"), [("1", "1"), ("8", "2")])
-def test_gradient_steps_take_what_the_process_was_given(given: str, used: str) -> None:
+@pytest.mark.parametrize(("given", "used"), [(1, 1), (8, 2)])
+def test_gradient_steps_take_what_the_process_was_given(given: int, used: int) -> None:
     """Two threads at most; whoever starts several runs at once says how many each has."""
-    assert _print("GRADIENT_THREADS", OMP_NUM_THREADS=given).stdout.strip() == used
+    own = torch.get_num_threads()
+    try:
+        torch.set_num_threads(given)
+        assert runpy.run_path(str(SOURCE))["GRADIENT_THREADS"] == used
+    finally:
+        torch.set_num_threads(own)
 
 
 def test_a_process_that_only_drives_stays_on_one_thread() -> None:
-    """Also when everything that could be collected has been."""
+    """Also when everything that could be collected has been; before, it was given eight."""
     script = (
         "import gc, torch; from threadpoolctl import threadpool_info;"
-        "from irl_dal.cli.threads import stay_on_one_thread; stay_on_one_thread(); gc.collect();"
+        "from irl_dal.cli.threads import GRADIENT_THREADS, stay_on_one_thread;"
+        "stay_on_one_thread(); gc.collect();"
         "blas = {p['num_threads'] for p in threadpool_info() if p['user_api'] == 'blas'};"
-        "print(torch.get_num_threads(), *blas)"
+        "print(GRADIENT_THREADS, torch.get_num_threads(), *blas)"
     )
-    assert _run(script, OMP_NUM_THREADS="2").stdout.split() == ["1", "1"]
-
-
-def _print(name: str, **environment: str) -> subprocess.CompletedProcess[str]:
-    """What a new process finds."""
-    return _run(f"import irl_dal.cli.threads; print(irl_dal.cli.threads.{name})", **environment)
-
-
-def _run(script: str, **environment: str) -> subprocess.CompletedProcess[str]:
     known = {k: v for k, v in os.environ.items() if not k.startswith(("OMP_", "GOMP_"))}
-    return subprocess.run(
-        [sys.executable, "-c", script],
-        env=known | environment,
-        capture_output=True,
-        text=True,
-        check=True,
-    )
+    command, given = [sys.executable, "-c", script], known | {"OMP_NUM_THREADS": "8"}
+    printed = subprocess.run(command, env=given, capture_output=True, text=True, check=True).stdout
+    assert printed.split() == ["2", "1", "1"]

@@ -44,8 +44,8 @@ def test_the_command_prints_and_writes(
     assert not (out / "film.webm").exists()
     assert len(list((out / "driven").iterdir())) == 1
     monkeypatch.setattr(compare, "write_comparison_page", lambda *_: None)
-    call(f"run={run}", f"out={out}", *SMALL, "first_seed=7")
-    assert json.loads((out / "compare.json").read_text())["settings"]["first_seed"] == 7
+    call(f"run={run}", f"out={out}", *SMALL, "episodes=2")
+    assert json.loads((out / "compare.json").read_text())["settings"]["episodes"] == 2
 
 
 @pytest.mark.parametrize(

@@ -49,10 +49,13 @@ def test_what_was_worked_out_before_a_failure_is_kept(tmp_path: Path, jobs: int)
 def test_processes_started_without_interrupts_ignore_them() -> None:
     """And this one hears them again afterwards."""
     ignored = "import signal; print(signal.getsignal(signal.SIGINT) is signal.SIG_IGN)"
-    before = signal.getsignal(signal.SIGINT)
+    given = signal.signal(signal.SIGINT, signal.default_int_handler)  # also under nohup
     answers = []
-    with without_interrupts():
+    try:
+        with without_interrupts():
+            answers.append(subprocess.check_output([sys.executable, "-c", ignored], text=True))
+        assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
         answers.append(subprocess.check_output([sys.executable, "-c", ignored], text=True))
-    assert signal.getsignal(signal.SIGINT) is before
-    answers.append(subprocess.check_output([sys.executable, "-c", ignored], text=True))
+    finally:
+        signal.signal(signal.SIGINT, given)
     assert [answer.strip() for answer in answers] == ["True", "False"]

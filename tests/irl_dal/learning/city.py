@@ -1,6 +1,6 @@
 """The real control loop with everything in it, and a schedule of a few seconds."""
 
-import os
+import multiprocessing
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -23,16 +23,16 @@ from irl_dal.planner import Activation, DiffusionPlanner, PlannerConfig
 from shield import ActuatorLimits, SafetyFilter, TriggerConfig
 
 SHORT = LearningConfig(
-    imitation_steps=120,
-    mixed_steps=80,
+    imitation_steps=60,
+    mixed_steps=48,
     n_envs=2,
-    bc_interval_imitation=60,
-    bc_interval_mixed=40,
-    diffusion_interval=40,
-    discriminator_interval=30,
+    bc_interval_imitation=30,
+    bc_interval_mixed=24,
+    diffusion_interval=20,
+    discriminator_interval=18,
     sync_interval=20,
-    checkpoint_interval=40,
-    log_interval=20,
+    checkpoint_interval=20,
+    log_interval=10,
     critic_steps=5,
     ppo=PPOConfig(n_steps=32, batch_size=16, n_epochs=1),
     cloning=CloningConfig(steps_imitation=3, steps_mixed=2, batch_size=16),
@@ -77,7 +77,10 @@ def new_drivers(
     cars = [
         partial(new_driver, config, place, seed, **supervision) for place in range(config.n_envs)
     ]
-    return DriverProcesses(cars) if processes else DummyVecEnv(cars)  # type: ignore[arg-type]
+    if not processes:
+        return DummyVecEnv(cars)  # type: ignore[arg-type]
+    multiprocessing.set_forkserver_preload(["irl_dal.build"])  # as a run does
+    return DriverProcesses(cars)  # type: ignore[arg-type]
 
 
 def new_pipeline(
@@ -99,8 +102,3 @@ def new_pipeline(
         seed=seed,
         **arguments,
     )
-
-
-if __name__ == "__main__":
-    torch.set_num_threads(1)
-    new_pipeline(Path(os.environ["RUN_DIR"])).run()

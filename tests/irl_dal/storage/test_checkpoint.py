@@ -1,14 +1,13 @@
 """Checkpoints: complete or not there, and never a line of code in them."""
 
+import contextlib
 import json
+import multiprocessing
 import os
-import signal
 import stat
-import subprocess
-import sys
-import textwrap
 import time
 from collections.abc import Callable
+from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -298,18 +297,15 @@ def test_pack_keeps_every_array_once() -> None:
     assert equal(unpack(arrays, json.loads(json.dumps(skeleton)))["x"][1]["y"], torch.zeros(2))
 
 
-WRITER = """
-import sys
-from pathlib import Path
-import numpy as np, torch
-from irl_dal.storage.checkpoint import CheckpointStore
-store = CheckpointStore(Path(sys.argv[1]))
-for step in range(1, 10_000):
-    serials = np.arange(8 * (step - 1), 8 * step)
-    shard = {"serial": serials, "value": np.full((8, 2000), float(step))}
-    store.save({"step": step, "w": torch.full((50_000,), float(step))}, step=step, shard=shard)
-    print(step, flush=True)
-"""
+def keep_saving(run_dir: Path, said: Connection) -> None:
+    """Another process's work; OpenMP's other threads do not survive a fork."""
+    torch.set_num_threads(1)
+    store = CheckpointStore(run_dir)
+    for step in range(1, 10_000):
+        serials = np.arange(8 * (step - 1), 8 * step)
+        rows = {"serial": serials, "value": np.full((8, 2000), float(step))}
+        store.save({"step": step, "w": torch.full((50_000,), float(step))}, step=step, shard=rows)
+        said.send(step)
 
 
 def test_kill_9_at_any_moment_leaves_a_usable_checkpoint(tmp_path: Path) -> None:
@@ -317,13 +313,18 @@ def test_kill_9_at_any_moment_leaves_a_usable_checkpoint(tmp_path: Path) -> None
     rng = np.random.default_rng(0)
     for attempt in range(3):
         run_dir = tmp_path / str(attempt)
-        command = [sys.executable, "-c", textwrap.dedent(WRITER), str(run_dir)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-            assert process.stdout is not None
-            said = int(process.stdout.readline())
-            time.sleep(float(rng.uniform(0.0, 0.05)))
-            os.kill(process.pid, signal.SIGKILL)
-            said = int((process.stdout.read().split() or [said])[-1])
+        heard, told = multiprocessing.Pipe(duplex=False)
+        context = multiprocessing.get_context("fork")
+        process = context.Process(target=keep_saving, args=(run_dir, told))
+        process.start()
+        told.close()
+        said = heard.recv()
+        time.sleep(float(rng.uniform(0.0, 0.05)))
+        process.kill()
+        process.join()
+        with contextlib.suppress(EOFError):
+            while True:
+                said = heard.recv()
         store = CheckpointStore(run_dir)
         checkpoint = store.resume()
         assert said <= checkpoint.step <= said + 1

@@ -1,33 +1,35 @@
 """Two processes never train in one run folder."""
 
-import signal
-import subprocess
-import sys
+import multiprocessing
+import time
+from multiprocessing.synchronize import Event
 from pathlib import Path
 
 import pytest
 
 from irl_dal.storage.checkpoint import CheckpointError, run_lock
 
-HOLDER = """
-import sys, time
-from pathlib import Path
-from irl_dal.storage.checkpoint import run_lock
-with run_lock(Path(sys.argv[1])):
-    print("held", flush=True)
-    time.sleep(60)
-"""
+
+def hold(folder: Path, held: Event) -> None:
+    """Another process's work."""
+    with run_lock(folder):
+        held.set()
+        time.sleep(60.0)
 
 
 def test_a_second_process_is_refused_until_the_first_is_killed(tmp_path: Path) -> None:
     """One line that says `resume`; a killed process leaves nothing that must be removed by hand."""
-    command = [sys.executable, "-c", HOLDER, str(tmp_path)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None and process.stdout.readline() == "held\n"
+    context = multiprocessing.get_context("fork")
+    process = context.Process(target=hold, args=(tmp_path, held := context.Event()))
+    process.start()
+    try:
+        assert held.wait(30.0)
         with pytest.raises(CheckpointError, match=f"resume = '{tmp_path}': another process"):
             with run_lock(tmp_path):
                 pass
-        process.send_signal(signal.SIGKILL)
+    finally:
+        process.kill()
+        process.join()
     with run_lock(tmp_path):
         pass
 

@@ -78,7 +78,7 @@ def _another(folder: Path, started: object, end: object) -> None:
 
 def test_complete_work_leaves_what_another_process_has_driven(store: ResultStore) -> None:
     """Of two processes that use one folder, the first to be complete removes nothing."""
-    context = multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("fork")
     started, end = context.Event(), context.Event()
     other = context.Process(target=_another, args=(store.folder, started, end))
     other.start()

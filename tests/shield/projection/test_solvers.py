@@ -181,6 +181,32 @@ def test_osqp_recovers_from_nan() -> None:
     assert answer.y == pytest.approx([0.5, 0.5], abs=1e-6)
 
 
+class MisledByWarmStarts(OsqpSolver):
+    """OSQP whose answers miss the optimum a little until it is reset."""
+
+    error = 1e-2  # [steps]
+
+    def reset(self) -> None:
+        """From now on exact."""
+        super().reset()
+        self.error = 0.0
+
+    def solve(self, program: Program, *, fine: bool = False) -> Answer:
+        """Miss by `error`."""
+        answer = super().solve(program, fine=fine)
+        assert answer.z is not None
+        return answer._replace(z=answer.z + self.error)
+
+
+def test_an_optimum_that_a_warm_start_misses_is_projected_from_a_cold_one() -> None:
+    """The third program is the second once more, by a solver that has forgotten the last call."""
+    misled = HorizonProjector(LINEAR, 8, MisledByWarmStarts, deadline=PATIENT)
+    exact = HorizonProjector(LINEAR, 8, deadline=PATIENT).project(WISH, PREVIOUS)
+    got = misled.project(WISH, PREVIOUS)
+    assert got.status is exact.status is Status.PROJECTED
+    assert np.allclose(got.actions, exact.actions, rtol=0.0, atol=1e-9)
+
+
 @pytest.mark.parametrize("name", ["daqp", "quadprog", "clarabel", "piqp"])
 def test_solvers_of_qpsolvers_give_the_multipliers_of_osqp(
     name: str, rng: np.random.Generator
