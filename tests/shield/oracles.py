@@ -1,5 +1,6 @@
 """Independent answers: exact arithmetic, other solvers, IPOPT."""
 
+import math
 from fractions import Fraction
 from functools import lru_cache
 from typing import Any
@@ -54,13 +55,17 @@ def broken_bounds(limits: ActuatorLimits, actions: ArrayLike, previous: ArrayLik
 
 
 def exceeds_lateral(limits: ActuatorLimits, steering: float, speed: float) -> bool:
-    """Tell whether a command breaks G3, with 50 digits."""
-    if limits.max_lateral_acceleration is None:
+    """Tell whether a command breaks G3, with 50 digits where float64 cannot tell."""
+    bound = limits.max_lateral_acceleration
+    if bound is None:
         return False
+    rounded = abs(speed * speed * math.tan(steering) / limits.wheelbase)
+    if abs(rounded - bound) > 1e-9 * bound:  # a million roundings apart; not so for NaN
+        return rounded > bound
     with mpmath.workdps(DIGITS):
         tangent = mpmath.tan(mpmath.mpf(steering))
         lateral = mpmath.mpf(speed) ** 2 * tangent / mpmath.mpf(limits.wheelbase)
-        return bool(abs(lateral) > mpmath.mpf(limits.max_lateral_acceleration))
+        return bool(abs(lateral) > mpmath.mpf(bound))
 
 
 def objective(limits: ActuatorLimits, actions: Array, nominal: Array) -> float:

@@ -13,10 +13,10 @@ from shield import Status
 
 
 def small_config(**extent: float) -> RunConfig:
-    """Episodes of at most 40 steps, an evaluation of two of them."""
+    """Episodes of at most 20 steps, an evaluation of two of them."""
     config = RunConfig()
     city = replace(
-        config.env, route_length=80.0, route_spread=0.0, time_limit=4.0, difficulty="easy"
+        config.env, route_length=80.0, route_spread=0.0, time_limit=2.0, difficulty="easy"
     )
     sizes = {"episodes": 2, "held_out_episodes": 1, "path_states": 3}
     evaluation = EvaluationConfig(**{**sizes, "n_jobs": 1, **extent})

@@ -12,7 +12,7 @@ from tests.irl_dal.evaluation.small import small_config
 
 @pytest.fixture(autouse=True)
 def short_paths(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Paths of a second: the drives take four."""
+    """Paths of a second: the drives take two."""
     monkeypatch.setattr(suite, "PATH_DURATION", 1.0)
 
 
