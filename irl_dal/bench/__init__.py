@@ -1,1 +1,1 @@
-"""Benchmarks of the city (speed, lane measurement, vehicle, faults), the planner and learners."""
+"""Benchmarks of the city (speed, lane measurement, vehicle, faults) and the planner."""

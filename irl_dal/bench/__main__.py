@@ -1,4 +1,4 @@
-"""Measure city, planner and learners.
+"""Measure city and planner.
 
 python -m irl_dal.bench env      steps per second beside CarRacing-v3 and racetrack-v0
 python -m irl_dal.bench lane     lane measurement against the truth
@@ -7,7 +7,6 @@ python -m irl_dal.bench faults   success of the expert under each fault, of an a
 python -m irl_dal.bench drivers  bad drivers under the shield: whose fault whatever happens is
 python -m irl_dal.bench car      step responses of the vehicle
 python -m irl_dal.bench planner  how long a plan takes, and where the time goes [--run DIR]
-python -m irl_dal.bench learning how long gradient steps take on one thread and on two
 """
 
 from irl_dal.cli.preflight import preflight
@@ -26,7 +25,6 @@ from rich.console import RenderableType
 from irl_dal.bench.car import car_tables
 from irl_dal.bench.drive import drives, lane_table, outcome_table
 from irl_dal.bench.drivers import DRIVERS
-from irl_dal.bench.learning import learning_tables
 from irl_dal.bench.planner import planner_tables
 from irl_dal.bench.speed import speed_tables
 from irl_dal.bench.trial import ADVERSARY, driver_tables
@@ -60,9 +58,7 @@ def main(arguments: Sequence[str] | None = None) -> None:
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = _Parser(
-        prog="python -m irl_dal.bench", description="Measure city, planner and learners."
-    )
+    parser = _Parser(prog="python -m irl_dal.bench", description="Measure city and planner.")
     commands = parser.add_subparsers(required=True, dest="what")
     city, many, run, rounds = (_Parser(add_help=False) for _ in range(4))
     city.add_argument("--difficulty", default="paper", help="easy, paper or hard")
@@ -90,7 +86,6 @@ def _parser() -> argparse.ArgumentParser:
     add("car", lambda o: car_tables())
     planner = add("planner", lambda o: planner_tables(o.run, o.rounds, o.contexts), rounds, run)
     planner.add_argument("--contexts", type=_number(int, 1), default=60, help="states to plan in")
-    add("learning", lambda o: learning_tables(RunConfig(), o.rounds), rounds)
     return parser
 
 

@@ -76,7 +76,6 @@ def test_a_bad_track_is_one_line(capsys: pytest.CaptureFixture[str]) -> None:
         *(("lane", "--first-seed", value) for value in ("-1", "1.5", "x", "99999999999")),
         *(("env", "--route-length", value) for value in ("-1", "nan", "inf", "far")),
         *(("planner", option, "0") for option in ("--rounds", "--contexts")),
-        ("learning", "--rounds", "-3"),
         ("car", "--rounds", "3"),
     ],
 )
