@@ -34,7 +34,6 @@ MAX_APPROACH = 0.4  # [rad] angle at which an offset is approached
 MAX_CURVATURE = 0.1  # [1/m] of a lane that can be driven: a clothoid is not extrapolated further
 INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
 SHORTEST = 6  # [periods] of the shortest roll-out
-BATCHES = (1, 4, 8, 16, 28)  # numbers of candidates that functions are built for
 FIELDS = 8  # x, y, yaw, offset, heading error, curvature, steering, speed
 
 
@@ -95,26 +94,31 @@ class BackupLibrary:
         self._longest = self._periods(fastest)
         horizons = [n for n in (SHORTEST * 2**k for k in range(32)) if n <= self._longest]
         self._functions = {
-            (backup, periods): _batches(limits, assumptions, backup, periods)
+            (backup, periods): _function(limits, assumptions, backup, periods)
             for backup in range(len(BACKUPS))
             for periods in horizons
         }
 
     def roll_out(self, start: Start, candidates: ArrayLike, backup: int) -> Motions:
         """Return the motions of candidates (B, 2) [rad, m/s] with a backup of `BACKUPS`."""
-        first = np.asarray(candidates, dtype=np.float64)
-        given = len(first)
-        count = next(size for size in BATCHES if size >= given)
-        fastest = max(abs(start.speed), float(np.abs(first[:, 1]).max()))
+        given = np.asarray(candidates, dtype=np.float64)
+        fastest = max(abs(start.speed), float(np.abs(given[:, 1]).max()))
         periods = min(self._periods(fastest), self._longest)
-        if count > given:
-            first = np.concatenate([first, np.repeat(first[-1:], count - given, axis=0)])
         target = start.offsets[backup] if backup < len(start.offsets) else 0.0
         state = np.array([start.speed, float(start.previous[0]), *start.lane, target])
-        values = self._functions[backup, periods][count](first.T, state).full()
-        shaped = values.T.reshape(count, periods, FIELDS)[:given]
-        x, y, yaw, offset, heading, curvature = np.moveaxis(shaped[..., :6], -1, 0)
-        return Motions(x, y, yaw, offset, heading, curvature, shaped[..., 6:])
+        candidate, motion = np.empty(2), np.empty((periods, FIELDS))
+        # Buffers spare the conversions of arguments, which take longer than the roll-out.
+        buffer, evaluate = self._functions[backup, periods].buffer()
+        buffer.set_arg(0, memoryview(candidate))
+        buffer.set_arg(1, memoryview(state))
+        buffer.set_res(0, memoryview(motion))
+        values = np.empty((len(given), periods, FIELDS))
+        for row, command in enumerate(given):
+            candidate[:] = command
+            evaluate()
+            values[row] = motion
+        x, y, yaw, offset, heading, curvature = np.moveaxis(values[..., :6], -1, 0)
+        return Motions(x, y, yaw, offset, heading, curvature, values[..., 6:])
 
     def _periods(self, speed: float) -> int:
         """Periods in which a car of this speed [m/s] comes to rest, and one at rest, in octaves."""
@@ -128,14 +132,13 @@ class BackupLibrary:
 
 
 @lru_cache(maxsize=256)
-def _batches(
+def _function(
     limits: ActuatorLimits, assumptions: Assumptions, backup: int, periods: int
-) -> dict[int, casadi.Function]:
-    """The roll-out of each number of candidates in `BATCHES`; built once in a process."""
+) -> casadi.Function:
+    """The roll-out (FIELDS, periods) of a candidate (2,) and a state (7,)."""
     first, state = casadi.SX.sym("first", 2), casadi.SX.sym("state", 7)
     columns = _Law(limits, assumptions, backup).motion(first, state, periods)
-    one = casadi.Function("motion", [first, state], [casadi.horzcat(*columns)])
-    return {count: one if count == 1 else one.map(count) for count in BATCHES}
+    return casadi.Function("motion", [first, state], [casadi.densify(casadi.horzcat(*columns))])
 
 
 class _Law:
