@@ -14,6 +14,7 @@ Steering and speed keep the limits G1-G3 by construction.
 import math
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import Any
 
 import casadi
 import numpy as np
@@ -108,10 +109,11 @@ class BackupLibrary:
         state = np.array([start.speed, float(start.previous[0]), *start.lane, target])
         candidate, motion = np.empty(2), np.empty((periods, FIELDS))
         # Buffers spare the conversions of arguments, which take longer than the roll-out.
+        buffer: Any
         buffer, evaluate = self._functions[backup, periods].buffer()
-        buffer.set_arg(0, memoryview(candidate))
-        buffer.set_arg(1, memoryview(state))
-        buffer.set_res(0, memoryview(motion))
+        buffer.set_arg(0, candidate.data)
+        buffer.set_arg(1, state.data)
+        buffer.set_res(0, motion.data)
         values = np.empty((len(given), periods, FIELDS))
         for row, command in enumerate(given):
             candidate[:] = command

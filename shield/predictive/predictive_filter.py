@@ -196,17 +196,16 @@ class PredictiveFilter:
 
         A command that cannot be certified is None.
         """
-        refusal = ""
+        refusal, roomy = "", not self._detour.active
         for backup in list(self._order()):
             motions = self._library.roll_out(start, command[None], backup)
-            verdicts = checks.check(motions, FRESH_MARGIN, roomy=not self._detour.active)
-            if verdicts.certified[0]:
+            if checks.check(motions, FRESH_MARGIN, roomy=roomy)[0]:
                 self._commit(motions, 0, backup)
                 return command, ""
             if self.refused is None:
                 self.refused = motions
                 name = f"backup {backup + 1} of {len(BACKUPS)} ({BACKUPS[backup]})"
-                refusal = f"{name} {checks.refusal(verdicts, 0)}"
+                refusal = f"{name} {checks.refusal(motions, FRESH_MARGIN, roomy=roomy)}"
         return None, refusal
 
     def _nearest(
@@ -220,8 +219,7 @@ class PredictiveFilter:
                 break
             # Of the further backups only what would be nearer is of interest.
             motions = self._library.roll_out(start, candidates[:best], backup)
-            verdicts = checks.check(motions, FRESH_MARGIN, roomy=not self._detour.active)
-            certified = verdicts.certified
+            certified = checks.check(motions, FRESH_MARGIN, roomy=not self._detour.active)
             if certified.any():
                 best = int(certified.argmax())
                 chosen = motions, best, backup
@@ -231,7 +229,7 @@ class PredictiveFilter:
         return np.asarray(candidates[best])
 
     def _candidates(self, command: Array) -> Array:
-        """Commands (28, 2) that the limits let follow on the last one, the nearest first."""
+        """Up to 28 commands (n, 2) that the limits let follow on the last, the nearest first."""
         limits, (steering, speed) = self.limits, self.previous.tolist()
         low = max(limits.min_speed, speed - limits.deceleration_step)
         high = min(limits.max_speed, speed + limits.acceleration_step)
@@ -247,6 +245,7 @@ class PredictiveFilter:
             bent = np.clip(pairs[:, 0], -sharpest, sharpest)
             reachable = (bent >= right) & (bent <= left)
             pairs = np.where(reachable[:, None], np.stack([bent, pairs[:, 1]], axis=1), command)
+        pairs = np.array(list(dict.fromkeys(map(tuple, pairs.tolist()))))
         distance = (((pairs - command) / limits.step) ** 2).sum(axis=1)
         return np.asarray(pairs[np.argsort(distance, kind="stable")])
 

@@ -7,7 +7,8 @@ import pytest
 
 from shield import Assumptions, PredictiveFilter, World
 from shield.predictive import predictive_filter
-from shield.predictive.certification import Certification, Threats
+from shield.predictive.certification import Certification
+from shield.predictive.threats import Threats
 from tests.shield.predictive.bodies import Array, Road, Roll, Thing, Walk
 from tests.shield.predictive.kinematic_world import (
     Driver,
@@ -61,8 +62,11 @@ def no_growth(patch: Patch) -> None:
 
 def no_future(patch: Patch) -> None:
     """Vehicles stand for ever."""
-    others = Threats._others.__func__  # type: ignore[attr-defined]
-    patch.setattr(Threats, "_others", classmethod(lambda cls, *args: others(cls, *args)[:1]))
+    patch.setattr(
+        Threats,
+        "_rolling",
+        lambda world, *_: Threats._at(world.obstacles, [(np.zeros(0, int), *[0.0] * 5)]),
+    )
 
 
 def no_backup(patch: Patch) -> None:
