@@ -1,1 +1,1 @@
-"""Measurements of the shield: `python -m shield.bench [projection|estimation|all]`."""
+"""Measurements of the shield: `python -m shield.bench [projection|estimation|predictive|all]`."""

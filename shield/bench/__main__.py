@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from shield.bench.estimation import tracking_against_raw
+from shield.bench.predictive import predictive_times
 from shield.bench.projection import single_against_bare
 from shield.limits.actuator_limits import ActuatorLimits
 
@@ -21,7 +22,7 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
         arguments: Command line; None takes it from the process.
     """
     parser = argparse.ArgumentParser(prog="python -m shield.bench", description=__doc__)
-    benches = ["projection", "estimation", "all"]
+    benches = ["projection", "estimation", "predictive", "all"]
     parser.add_argument("what", nargs="?", default="projection", choices=benches)
     parser.add_argument("--out", type=Path, default=Path("runs/shield-bench"), metavar="FOLDER")
     parser.add_argument("--seed", type=int, default=0)
@@ -29,12 +30,15 @@ def main(arguments: Sequence[str] | None = None) -> dict[str, float]:
     options = parser.parse_args(arguments)
     rng, quick = np.random.default_rng(options.seed), options.quick
     tables: dict[str, dict[str, float]] = {}
-    if options.what != "estimation":
+    if options.what in ("projection", "all"):
         numbers = single_against_bare(ActuatorLimits(), 8, 50 if quick else 500, rng)
         tables["one horizon, H = 8"] = numbers
-    if options.what != "projection":
+    if options.what in ("estimation", "all"):
         numbers = tracking_against_raw(rng, drives=5 if quick else 50)
         tables["clearance alarms at 3 m, raw against tracked"] = numbers
+    if options.what in ("predictive", "all"):
+        numbers = predictive_times(rng, streets=1 if quick else 6)
+        tables["one step of the predictive filter"] = numbers
     values: dict[str, float] = {}
     for title, numbers in tables.items():
         print(title)

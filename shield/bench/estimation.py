@@ -9,7 +9,7 @@ from shield.errors import Array
 from shield.estimation.clearance import ClearanceTracker
 from shield.estimation.scan import DEFAULT_SCANNER
 
-__all__ = ["ScanFaults", "simulate_drive", "tracking_against_raw"]
+__all__ = ["ScanFaults", "disc_ranges", "simulate_drive", "tracking_against_raw"]
 
 DT = 0.1  # [s] period of the scans
 STEPS = 200  # [-] scans of a drive
@@ -53,7 +53,7 @@ def simulate_drive(rng: np.random.Generator, faults: ScanFaults) -> tuple[Array,
     broken = rng.choice(beams, faults.stuck, replace=False)
     held = rng.uniform(0.5, max_range, faults.stuck)
     for step in range(STEPS):
-        exact = np.minimum(_ranges(centres, radii, DEFAULT_SCANNER.angles), max_range)
+        exact = np.minimum(disc_ranges(centres, radii, DEFAULT_SCANNER.angles), max_range)
         truth[step] = exact.min()
         scan = np.where(exact < max_range, exact + rng.normal(0.0, faults.noise, beams), exact)
         spurious = rng.random(beams) < faults.spurious
@@ -66,7 +66,7 @@ def simulate_drive(rng: np.random.Generator, faults: ScanFaults) -> tuple[Array,
     return scans, truth
 
 
-def _ranges(centres: Array, radii: Array, angles: Array) -> Array:
+def disc_ranges(centres: Array, radii: Array, angles: Array) -> Array:
     """Return the range of each beam to the nearest circle, infinite where there is none."""
     along = centres[:, :1] * np.cos(angles) + centres[:, 1:] * np.sin(angles)
     across = (centres**2).sum(axis=1, keepdims=True) - along**2

@@ -75,6 +75,7 @@ def test_the_bench_prints_and_writes_its_numbers(
         "ratio_to_casadi_conic_osqp",
         "project_violations",
         "false_alarms_tracked_over_raw",
+        "filter_1080_beams_random_p99_ms",
     ):
         assert name in printed
         assert written[name] == numbers[name]
