@@ -11,6 +11,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from shield.errors import Array, InvalidProblem, as_array, check_numbers, check_positive
 
@@ -70,7 +71,7 @@ class ClusterTracker:
     reach: float = 0.9
     memory: int = 10
     max_missed_scans: int = 3
-    _pose: Array = field(init=False)
+    _pose: tuple[float, float, float] = field(init=False)
     _histories: list[_History] = field(init=False)
     _count: int = field(init=False)
 
@@ -81,7 +82,7 @@ class ClusterTracker:
 
     def reset(self) -> None:
         """Forget everything; numbers begin at 0 again."""
-        self._pose = np.zeros(3)
+        self._pose = 0.0, 0.0, 0.0
         self._histories = []
         self._count = 0
 
@@ -103,7 +104,13 @@ class ClusterTracker:
         self._move(speed, yaw_rate)
         for history in self._histories:
             history.missed += 1
-        tracks = [self._track(points, low, high) for low, high in self._clusters(points)]
+        first, last = self._clusters(points)
+        sizes = (last - first + 1)[:, None]
+        # Every other sum is that of the points between two narrow clusters.
+        bounds = np.stack([first, last + 1], axis=1).ravel()
+        sums = np.add.reduceat(np.append(points, [[0.0, 0.0]], axis=0), bounds, axis=0)[::2]
+        rows = zip(sums / sizes, first.tolist(), last.tolist(), strict=True)
+        tracks = [self._track(*row) for row in rows]
         self._histories = [
             history for history in self._histories if history.missed <= self.max_missed_scans
         ]
@@ -113,24 +120,23 @@ class ClusterTracker:
         x, y, yaw = self._pose
         middle = yaw + 0.5 * yaw_rate * self.dt
         driven = speed * self.dt
-        self._pose = np.array(
-            [x + driven * math.cos(middle), y + driven * math.sin(middle), yaw + yaw_rate * self.dt]
-        )
+        ahead, left = driven * math.cos(middle), driven * math.sin(middle)
+        self._pose = x + ahead, y + left, yaw + yaw_rate * self.dt
 
-    def _clusters(self, points: Array) -> list[tuple[int, int]]:
-        """First row and row after the last of every narrow cluster."""
+    def _clusters(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Rows (n,) of the first and of the last point of every narrow cluster."""
         if not len(points):
-            return []
-        jumps = np.hypot(*np.diff(points, axis=0).T) > self.separation
-        bounds = np.concatenate([[0], np.flatnonzero(jumps) + 1, [len(points)]])
-        low, high = bounds[:-1], bounds[1:]
-        narrow = np.hypot(*(points[high - 1] - points[low]).T) < self.width
-        return list(zip(low[narrow].tolist(), high[narrow].tolist(), strict=True))
+            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+        steps = np.diff(points, axis=0)
+        (ends,) = np.nonzero(np.hypot(steps[:, 0], steps[:, 1]) > self.separation)
+        first, last = np.append(0, ends + 1), np.append(ends, len(points) - 1)
+        across = points[last] - points[first]
+        narrow = np.hypot(across[:, 0], across[:, 1]) < self.width
+        return first[narrow], last[narrow]
 
-    def _track(self, points: Array, low: int, high: int) -> Track:
+    def _track(self, position: Array, first: int, last: int) -> Track:
         """Match a cluster with a track, or begin a new one."""
-        position = points[low:high].mean(axis=0)
-        x, y, yaw = self._pose.tolist()
+        x, y, yaw = self._pose
         cos, sin = math.cos(yaw), math.sin(yaw)
         ahead, left = float(position[0]) + self.mount, float(position[1])
         fixed = (x + cos * ahead - sin * left, y + sin * ahead + cos * left)
@@ -139,7 +145,7 @@ class ClusterTracker:
         history.missed = 0
         east, north = self._slope(history.positions)
         velocity = np.array([cos * east + sin * north, cos * north - sin * east])
-        return Track(history.number, position, velocity, len(history.positions), low, high - 1)
+        return Track(history.number, position, velocity, len(history.positions), first, last)
 
     def _match(self, position: tuple[float, float]) -> _History:
         free = [history for history in self._histories if history.missed]

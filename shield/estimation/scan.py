@@ -180,7 +180,7 @@ class ScanFilter:
         else:
             return  # a silent scan says nothing: the one before it stays the reference
         # Seen against a still scene a repeated range is ordinary, so only motion counts.
-        moving = same.sum() <= 0.5 * hits.sum()
+        moving = np.count_nonzero(same) <= 0.5 * np.count_nonzero(hits)
         self._repeats = np.where(same, self._repeats + int(moving), 0)
         self._repeated = same & (self._repeated | driving)
         # Scattered hits may be stuck beams on an empty road; a frozen scanner shows whole objects.

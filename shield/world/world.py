@@ -205,7 +205,7 @@ class World:
             name
             for name, holds in (
                 ("scanner frozen", clean.frozen or repeated),
-                ("scanner blind", bool(unseen.mean() > 0.5)),
+                ("scanner blind", np.count_nonzero(unseen) > 0.5 * len(unseen)),
                 ("lane lost", self.lanes is not None and self.corridor is None),
             )
             if holds
