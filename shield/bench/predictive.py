@@ -16,29 +16,25 @@ __all__ = ["predictive_times"]
 BEAMS = (45, 180, 360, 1080)
 STEPS = 150  # [-] of a street
 NOISE = 0.03  # [m] of a range
-PARKED, POSTS, WALKERS = 14, 10, 8  # [-] beside the road, and across it
-CAR, POST, PERSON = 1.0, 0.15, 0.25  # [m] radii
+PARKED, POSTS, WALKERS = 14, 10, 8  # [-] beside the road, and people who cross it
 HELD = 10  # [steps] for which the random driver holds a command
 
 
 def predictive_times(rng: np.random.Generator, *, streets: int = 6) -> dict[str, float]:
-    """Drive streets with parked cars, posts, a car ahead and people who cross.
-
-    A steady driver keeps to the lane at 7 m/s; a random one asks for anything, so that candidates
-    have to be searched.
+    """Drive streets with a driver who keeps to the lane at 7 m/s, and one who asks for anything.
 
     Returns:
         p50 and p99 of the processor's time for `update` and for `filter` [ms].
     """
-    limits, lanes, result = ActuatorLimits(), LaneGeometry(), {}
+    result = {}
     for beams in BEAMS:
-        shield = PredictiveFilter(limits, scanner=ScannerGeometry(beams), lanes=lanes)
+        scanner, lanes = ScannerGeometry(beams), LaneGeometry()
+        shield = PredictiveFilter(ActuatorLimits(), scanner=scanner, lanes=lanes)
         for driver in ("steady", "random"):
             rows = [_street(shield, rng, random=driver == "random") for _ in range(streets)]
             for name, times in zip(("update", "filter"), np.concatenate(rows).T, strict=True):
-                for percent in (50, 99):
-                    value = 1e3 * float(np.percentile(times, percent))
-                    result[f"{name}_{beams}_beams_{driver}_p{percent}_ms"] = value
+                for percent, value in zip((50, 99), np.percentile(times, (50, 99)), strict=True):
+                    result[f"{name}_{beams}_beams_{driver}_p{percent}_ms"] = 1e3 * float(value)
     return result
 
 
@@ -46,10 +42,10 @@ def _street(shield: PredictiveFilter, rng: np.random.Generator, *, random: bool)
     """Times (`STEPS`, 2) of `update` and `filter` along a straight street [s]."""
     limits, scanner, count = shield.limits, shield.world.scanner, PARKED + POSTS + WALKERS + 1
     places = np.stack([rng.uniform(12.0, 120.0, count), rng.choice([-3.4, 6.6], count)], axis=1)
-    radii = np.repeat([CAR, POST, PERSON, CAR], [PARKED, POSTS, WALKERS, 1])
+    radii = np.repeat([1.0, 0.15, 0.25, 1.0], [PARKED, POSTS, WALKERS, 1])
     velocities = np.zeros((count, 2))
     velocities[PARKED + POSTS : -1, 1] = rng.uniform(-1.2, 1.2, WALKERS)
-    places[-1], velocities[-1] = (25.0, 0.0), (6.0, 0.0)
+    places[-1], velocities[-1] = (25.0, 0.0), (6.0, 0.0)  # a car ahead
     pose, command, times = np.zeros(3), np.array([0.0, 6.0]), np.empty((STEPS, 2))
     turn, asked = 0.0, np.array([0.0, 7.0])
     shield.reset(command)

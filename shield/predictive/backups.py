@@ -33,6 +33,7 @@ OFFSET_TIME, HEADING_TIME = 0.8, 0.35  # [s] time constants of the lane feedback
 LEAST_FEEDBACK_SPEED = 2.5  # [m/s] below which its gains stop growing
 MAX_APPROACH = 0.4  # [rad] angle at which an offset is approached
 MAX_CURVATURE = 0.1  # [1/m] of a lane that can be driven: a clothoid is not extrapolated further
+REST = 0.05  # [m/s] at which a car stands
 INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
 SHORTEST = 6  # [periods] of the shortest roll-out
 FIELDS = 8  # x, y, yaw, offset, heading error, curvature, steering, speed
@@ -73,6 +74,11 @@ class Motions:
     heading_error: Array
     curvature: Array
     commands: Array
+
+    @property
+    def periods_to_rest(self) -> int:
+        """Periods until all of them are at rest."""
+        return int((np.abs(self.commands[..., 1]) > REST).any(axis=0).sum()) + 1
 
     def where(self, row: int) -> "Motions":
         """One of them alone."""
@@ -124,13 +130,11 @@ class BackupLibrary:
 
     def _periods(self, speed: float) -> int:
         """Periods in which a car of this speed [m/s] comes to rest, and one at rest, in octaves."""
-        step = self._step if self._limits.min_speed >= 0.0 else self._slowest_step
+        step = self._step
+        if self._limits.min_speed < 0.0:
+            step = min(step, self._limits.acceleration_step)
         needed = math.ceil(speed / step) + 2
         return int(SHORTEST * 2 ** max(0, math.ceil(math.log2(needed / SHORTEST))))
-
-    @property
-    def _slowest_step(self) -> float:
-        return min(self._step, self._limits.acceleration_step)
 
 
 @lru_cache(maxsize=256)

@@ -14,9 +14,9 @@ import numpy as np
 from shield.errors import Array, Mask
 from shield.predictive.assumptions import Assumptions
 from shield.predictive.backups import Motions
-from shield.predictive.threats import Index, Threats
+from shield.predictive.threats import Threats
 from shield.vehicle import VehicleGeometry
-from shield.world.world import Kind, World
+from shield.world.world import Index, Kind, World
 
 __all__ = ["Certification"]
 
@@ -27,7 +27,6 @@ ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
 # lane's error up to which they may
 SWING, SWING_LENGTH, SWING_SHARE = 0.05, 1.5, 0.5
 RETURN = 0.05  # by how much less a car outside has to be so, per metre
-REST = 0.05  # [m/s] at which a car stands
 ROUNDING = 1e-9  # [m] that quick bounds on a distance concede
 PART = 512  # pairs of a period and a threat that are checked before motions which fail are dropped
 # Ahead of the bumper, in lengths of the car, that a car which stops needs to steer free; and beside
@@ -61,9 +60,8 @@ class Certification:
         self._scanner_clearance = scanner_clearance
         self._world, self._assumptions, self._vehicle, self._dt = world, assumptions, vehicle, dt
         speed = abs(world.speed)
-        self._stop_time = speed / braking + 3.0 * dt
         self._room = STANDING_ROOM * vehicle.length
-        horizon = speed * self._stop_time + vehicle.front_bumper + self._room + 3.0
+        horizon = speed * (speed / braking + 3.0 * dt) + vehicle.front_bumper + self._room + 3.0
         self.threats = Threats.of(world, assumptions, horizon)
         self._margin = assumptions.range_error + assumptions.tracking_error
         corridor = world.corridor
@@ -79,7 +77,7 @@ class Certification:
         `roomy` asks for room to steer free where the car stops. Without it the car is on a detour:
         from outside the corridor a corner may swing out on the way in.
         """
-        last = _periods_to_rest(motions)
+        last = motions.periods_to_rest
         certified = self._departure(motions, last, margin, roomy) <= 0.0
         (rows,) = np.nonzero(certified)
         x, y, yaw = (values[rows, :last] for values in (motions.x, motions.y, motions.yaw))
@@ -91,7 +89,7 @@ class Certification:
 
     def refusal(self, motions: Motions, margin: float, *, roomy: bool = True) -> str:
         """Which check a motion (1, N) fails, by how much and when, for people."""
-        last = _periods_to_rest(motions)
+        last = motions.periods_to_rest
         outside = float(self._departure(motions, last, margin, roomy)[0])
         if not outside <= 0.0:
             if self._world.corridor is None:
@@ -109,11 +107,8 @@ class Certification:
 
     def _departure(self, motions: Motions, last: int, margin: float, roomy: bool) -> Array:
         """By how much motions leave the corridor up to a period (B,) [m], not above 0: not."""
-        count = len(motions.x)
-        if self._world.lanes is None:
-            return np.full(count, -np.inf)
         if self._world.corridor is None:
-            return np.full(count, np.inf)
+            return np.full(len(motions.x), -np.inf if self._world.lanes is None else np.inf)
         pose = motions.offset, motions.heading_error, motions.curvature
         left = self._outside(*(values[:, :last] for values in pose))
         outside = left.max(axis=1) + 0.5 * margin
@@ -270,9 +265,3 @@ class Certification:
         right = corridor.right - np.minimum(nose, tail) + half
         turned = (np.abs(heading) - assumed.lane_heading) * front
         return np.asarray(np.maximum(np.maximum(left, right) + error, turned))
-
-
-def _periods_to_rest(motions: Motions) -> int:
-    """Periods until all motions are at rest."""
-    moving = (np.abs(motions.commands[..., 1]) > REST).any(axis=0)
-    return min(int(moving.sum()) + 1, int(moving.size))

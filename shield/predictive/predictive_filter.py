@@ -2,7 +2,6 @@
 
 import math
 import time
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -184,10 +183,9 @@ class PredictiveFilter:
             offsets = (min(max(lane[0], low), high), low, high)
         return Start(self.world.speed, self.previous, lane, offsets)
 
-    def _order(self) -> Iterator[int]:
+    def _order(self) -> list[int]:
         """The backups, the committed one first."""
-        yield self._backup
-        yield from (backup for backup in range(len(BACKUPS)) if backup != self._backup)
+        return sorted(range(len(BACKUPS)), key=lambda backup: backup != self._backup)
 
     def _certify(
         self, checks: Certification, start: Start, command: Array
@@ -197,7 +195,7 @@ class PredictiveFilter:
         A command that cannot be certified is None.
         """
         refusal, roomy = "", not self._detour.active
-        for backup in list(self._order()):
+        for backup in self._order():
             motions = self._library.roll_out(start, command[None], backup)
             if checks.check(motions, FRESH_MARGIN, roomy=roomy)[0]:
                 self._commit(motions, 0, backup)
@@ -214,7 +212,7 @@ class PredictiveFilter:
         """Commit to the certified candidate nearest to a command, in steps of the actuators."""
         candidates = self._candidates(command)
         best, chosen = len(candidates), None
-        for backup in list(self._order()):
+        for backup in self._order():
             if best == 0 or time.perf_counter() > deadline:
                 break
             # Of the further backups only what would be nearer is of interest.

@@ -4,15 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from shield.errors import Array
 from shield.predictive.assumptions import Assumptions
-from shield.world.world import INTRUSION_SPEED, Kind, Obstacles, World
+from shield.world.world import INTRUSION_SPEED, Index, Kind, Obstacles, World
 
 __all__ = ["Threats"]
-
-Index = NDArray[np.int64]
 
 WALKING = 0.3  # [m/s] a slower person counts as standing
 ROLLING = 0.5  # [m/s] a slower vehicle counts as standing
@@ -99,16 +96,14 @@ class Threats:
         """People set off, go on, or stop."""
         push, fast = assumptions.person_acceleration, assumptions.person_speed
         walk = np.hypot(*known.velocity[rows].T) > WALKING
-        stands, walks = rows[~walk], rows[walk]
-        return cls._at(
-            known,
-            [
-                (stands, 0.0, 1.0, 0.0, push, fast),
-                (walks, 0.0, 0.0, 0.0, 0.0, fast),
-                (walks, 0.5, 0.5, 0.0, 0.5 * push, fast),
-                (walks, 1.0, 1.0, 0.0, push, 2.0 * fast),
-            ],
+        walks = rows[walk]
+        sets_off, stops = (
+            (rows[~walk], 0.0, 1.0, 0.0, push, fast),
+            (walks, 0.0, 0.0, 0.0, 0.0, fast),
         )
+        slows = (walks, 0.5, 0.5, 0.0, 0.5 * push, fast)
+        goes_on = (walks, 1.0, 1.0, 0.0, push, 2.0 * fast)
+        return cls._at(known, [sets_off, stops, slows, goes_on])
 
     @classmethod
     def _rolling(cls, world: World, rows: Index, along: Array, aside: Array) -> "Threats":
