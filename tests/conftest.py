@@ -1,5 +1,6 @@
 """How two processes share the tests: what is made once for several files stays on one of them."""
 
+import gc
 from typing import Any
 
 import pytest
@@ -18,6 +19,12 @@ def group_of(nodeid: str) -> str:
     """The group of a test; a test without a group is a group of its own."""
     file = nodeid.partition("::")[0].removeprefix("tests/")
     return next((name for name, files in GROUPS.items() if file.startswith(files)), nodeid)
+
+
+def pytest_collection_finish() -> None:
+    """The garbage collector need not look at half a million imported objects again and again."""
+    gc.collect()
+    gc.freeze()
 
 
 @pytest.hookimpl(optionalhook=True)

@@ -1,4 +1,5 @@
 from dataclasses import FrozenInstanceError, fields, is_dataclass, replace
+from functools import cache
 from importlib import import_module
 from inspect import signature
 from pathlib import Path
@@ -31,6 +32,7 @@ MAX_FIELDS = 200
 """Of all dataclasses called ...Config together."""
 
 
+@cache
 def composed(*overrides: str, command: str = "train") -> RunConfig:
     """What a command line makes of the configuration."""
     register()

@@ -3,7 +3,6 @@
 import multiprocessing
 
 import numpy as np
-from stable_baselines3.common.vec_env import SubprocVecEnv
 
 from irl_dal.envs import CityConfig, CityEnv
 
@@ -34,6 +33,8 @@ def test_another_process_drives_the_same_trajectory() -> None:
 
 def test_two_workers_of_stable_baselines3() -> None:
     """`SubprocVecEnv` resets, steps and restarts two cities that differ by their seeds."""
+    from stable_baselines3.common.vec_env import SubprocVecEnv  # which the other test's need not
+
     envs = SubprocVecEnv([lambda: CityEnv(SHORT)] * 2, start_method="fork")
     try:
         envs.seed(5)
