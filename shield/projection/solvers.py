@@ -21,8 +21,8 @@ from shield.limits.constraint import UNBOUNDED
 __all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "make_solver"]
 
 # Tolerances of OSQP before it polishes [-]. The coarse one identifies the active bounds of 99 % of
-# the random horizons of `shield.bench`, for which polishing then solves to rounding errors. The fine
-# one counts where polishing fails: 1e-6 left an objective 1.5e-6 too high.
+# the random horizons of `shield.bench`, for which polishing then solves to rounding errors. The
+# fine one counts where polishing fails: 1e-6 left an objective 1.5e-6 too high.
 COARSE, FINE = 1e-3, 1e-8
 _MAX_OPTIONS = 4000  # [-] several times what a horizon of eight steps takes
 
