@@ -15,7 +15,6 @@ __all__ = ["predictive_times"]
 
 BEAMS = (45, 180, 360, 1080)
 STEPS = 150  # [-] of a street
-NOISE = 0.03  # [m] of a range
 PARKED, POSTS, WALKERS = 14, 10, 8  # [-] beside the road, and people who cross it
 HELD = 10  # [steps] for which the random driver holds a command
 
@@ -46,18 +45,18 @@ def _street(shield: PredictiveFilter, rng: np.random.Generator, *, random: bool)
     velocities = np.zeros((count, 2))
     velocities[PARKED + POSTS : -1, 1] = rng.uniform(-1.2, 1.2, WALKERS)
     places[-1], velocities[-1] = (25.0, 0.0), (6.0, 0.0)  # a car ahead
-    pose, command, times = np.zeros(3), np.array([0.0, 6.0]), np.empty((STEPS, 2))
-    turn, asked = 0.0, np.array([0.0, 7.0])
+    pose, turn, command, times = np.zeros(3), 0.0, np.array([0.0, 6.0]), np.empty((STEPS, 2))
     shield.reset(command)
     for step in range(STEPS):
         x, y, yaw = pose
         ways = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
         centres = (places - (x, y)) @ ways - (scanner.mount, 0.0)
-        scan = disc_ranges(centres, radii, scanner.angles) + rng.normal(0.0, NOISE, scanner.beams)
+        scan = disc_ranges(centres, radii, scanner.angles) + rng.normal(0.0, 0.03, scanner.beams)
         lane = LaneEstimate(y, yaw, 0.0, 0.0, 0.03, age=0.0, valid=True)
-        if random and step % HELD == 0:
-            asked = rng.uniform(limits.low, limits.high)
-        nominal = asked if random else np.array([-0.05 * y - 0.3 * yaw, 7.0])
+        if not random:
+            nominal = np.array([-0.05 * y - 0.3 * yaw, 7.0])
+        elif step % HELD == 0:
+            nominal = rng.uniform(limits.low, limits.high)
         begin = time.thread_time()
         shield.update(np.minimum(scan, scanner.max_range), command[1], turn, lane)
         middle = time.thread_time()

@@ -130,9 +130,8 @@ class BackupLibrary:
 
     def _periods(self, speed: float) -> int:
         """Periods in which a car of this speed [m/s] comes to rest, and one at rest, in octaves."""
-        step = self._step
-        if self._limits.min_speed < 0.0:
-            step = min(step, self._limits.acceleration_step)
+        backwards = self._limits.min_speed < 0.0
+        step = min(self._step, self._limits.acceleration_step) if backwards else self._step
         needed = math.ceil(speed / step) + 2
         return int(SHORTEST * 2 ** max(0, math.ceil(math.log2(needed / SHORTEST))))
 

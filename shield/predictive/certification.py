@@ -178,11 +178,14 @@ class Certification:
         px, py = self.threats.points.T
         room = np.full((1, len(px)), self._margin + ARC_MARGIN)
         places, threats = self._near(x, y, yaw, px[None], py[None], room)
-        there = x[:, places], y[:, places], yaw[:, places]
-        gap = self._clearance(*there, px[threats], py[threats], np.zeros(len(threats)))
-        needed = np.minimum(self._margin + ARC_MARGIN, self._clear_now[threats])
-        arc, pair = np.nonzero(~(gap >= needed))
-        free[arc, places[pair]] = False
+        for first in range(0, len(places), PART):
+            # What is further along than something that blocks an arc need not be checked.
+            (rows,) = np.nonzero(free.all(axis=1))
+            at, what = places[first : first + PART], threats[first : first + PART]
+            there = x[rows][:, at], y[rows][:, at], yaw[rows][:, at]
+            gap = self._clearance(*there, px[what], py[what], np.zeros(len(what)))
+            arc, pair = np.nonzero(~(gap >= np.minimum(room[0, what], self._clear_now[what])))
+            free[rows[arc], at[pair]] = False
         road = self._world.corridor
         if road is not None:
             place = np.stack([x.ravel(), y.ravel()], axis=1)
