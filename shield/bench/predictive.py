@@ -11,8 +11,6 @@ from shield.estimation.scan import ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.predictive.predictive_filter import PredictiveFilter
 
-__all__ = ["predictive_times"]
-
 BEAMS = (45, 180, 360, 1080)
 STEPS = 150  # [-] of a street
 PARKED, POSTS, WALKERS = 14, 10, 8  # [-] beside the road, and people who cross it
