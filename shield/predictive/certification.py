@@ -65,11 +65,12 @@ class Certification:
         self.threats = Threats.of(world, assumptions, horizon)
         self._margin = assumptions.range_error + assumptions.tracking_error
         corridor = world.corridor
-        self._outside_now = 0.0
+        self._outside_now = self._turned_now = 0.0
         if corridor is not None:
             offset, heading, curvature, _ = corridor.lane
             pose = np.full((1, 1), offset), np.full((1, 1), heading), np.full((1, 1), curvature)
             self._outside_now = float(self._outside(*pose)[0, 0])
+            self._turned_now = float(self._turned(pose[1])[0, 0])
 
     def check(self, motions: Motions, margin: float, *, roomy: bool = True) -> Mask:
         """Which motions (B, N) keep a margin beyond that of the assumptions [m], shape (B,).
@@ -109,18 +110,11 @@ class Certification:
         """By how much motions leave the corridor up to a period (B,) [m], not above 0: not."""
         if self._world.corridor is None:
             return np.full(len(motions.x), -np.inf if self._world.lanes is None else np.inf)
-        pose = motions.offset, motions.heading_error, motions.curvature
-        left = self._outside(*(values[:, :last] for values in pose))
-        outside = left.max(axis=1) + 0.5 * margin
-        if self._outside_now + 0.5 * margin > 0.0:
-            # From outside, what leads back is the way in.
-            now = self._outside_now
-            back = (left.max(axis=1) <= now) & (left[:, -1] < now)
-            if not roomy:  # a tolerance on what is now alone would be a ratchet
-                swung = min(now + SWING, SWING_SHARE * self._lane_error())
-                back |= left.max(axis=1) <= swung
-            outside = np.where(back, 0.0, np.maximum(outside, 1e-3))
-        return np.asarray(outside)
+        heading = motions.heading_error[:, :last]
+        pose = motions.offset[:, :last], heading, motions.curvature[:, :last]
+        swing = 0.0 if roomy else min(SWING, SWING_SHARE * self._lane_error())
+        left = _excess(self._outside(*pose), self._outside_now, margin, swing)
+        return np.maximum(left, _excess(self._turned(heading), self._turned_now, margin, 0.0))
 
     def _keep_clear(self, x: Array, y: Array, yaw: Array, margin: float) -> Mask:
         """Whether motions (b, N) keep their distance from all threats (b,)."""
@@ -192,9 +186,11 @@ class Certification:
             s, offset = (values.reshape(x.shape) for values in road.locate(place))
             ways = road.direction(s.ravel())
             heading = yaw - np.arctan2(ways[:, 1], ways[:, 0]).reshape(x.shape)
-            outside = self._outside(offset, heading, np.full(x.shape, road.lane[2]))
+            bend = np.full(x.shape, road.lane[2])
             swung = np.where(along < SWING_LENGTH, SWING, 0.0)
-            free &= outside <= np.maximum(self._outside_now - along * RETURN, 0.0) + swung
+            back = np.maximum(self._outside_now - along * RETURN, 0.0)
+            free &= self._outside(offset, heading, bend) <= back + swung
+            free &= self._turned(heading) <= max(self._turned_now, 0.0)
         return np.asarray(ARC_STEP * np.logical_and.accumulate(free, axis=1).sum(axis=1))
 
     def _near(
@@ -255,16 +251,29 @@ class Certification:
         seen = 0.5 * assumed.lane_preview**2 * abs(corridor.lane[3])
         return assumed.lane_sigmas * corridor.std + seen
 
+    def _turned(self, heading: Array) -> Array:
+        """By how much the nose turns out of the directions in which the lane is in view [m]."""
+        beyond = np.abs(heading) - self._assumptions.lane_heading
+        return np.asarray(beyond * self._vehicle.front_bumper)
+
     def _outside(self, offset: Array, heading: Array, curvature: Array) -> Array:
-        """By how much the corners leave the corridor, or the nose turns out of it (B, N) [m]."""
-        corridor, vehicle = self._world.corridor, self._vehicle
+        """By how much the corners leave the corridor (B, N) [m]."""
+        corridor, vehicle, error = self._world.corridor, self._vehicle, self._lane_error()
         assert corridor is not None
-        assumed, error = self._assumptions, self._lane_error()
         sin, half = np.sin(heading), 0.5 * vehicle.width * np.cos(heading)
         front, rear = vehicle.front_bumper, vehicle.rear_overhang
         nose = offset + front * sin - 0.5 * curvature * front * front
         tail = offset - rear * sin - 0.5 * curvature * rear * rear
         left = np.maximum(nose, tail) + half - corridor.left
         right = corridor.right - np.minimum(nose, tail) + half
-        turned = (np.abs(heading) - assumed.lane_heading) * front
-        return np.asarray(np.maximum(np.maximum(left, right) + error, turned))
+        return np.asarray(np.maximum(left, right) + error)
+
+
+def _excess(left: Array, now: float, margin: float, swing: float) -> Array:
+    """Worst of excesses (B, N) with a margin (B,) [m]; none for the way back from outside."""
+    worst = left.max(axis=1) + 0.5 * margin
+    if now + 0.5 * margin <= 0.0:
+        return np.asarray(worst)
+    # From outside, what ends further in is the way back; a corner may swing out meanwhile.
+    back = (left.max(axis=1) <= now + swing) & (left[:, -1] < now)
+    return np.where(back, 0.0, np.maximum(worst, 1e-3))

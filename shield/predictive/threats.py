@@ -7,12 +7,11 @@ import numpy as np
 
 from shield.errors import Array
 from shield.predictive.assumptions import Assumptions
-from shield.world.world import INTRUSION_SPEED, Index, Kind, Obstacles, World
+from shield.world.world import INTRUSION_SPEED, ROLLING, Index, Kind, Obstacles, World
 
 __all__ = ["Threats"]
 
 WALKING = 0.3  # [m/s] a slower person counts as standing
-ROLLING = 0.5  # [m/s] a slower vehicle counts as standing
 VEHICLE_GROWTH = 0.5  # [m/s] added to the velocity's error of a moving vehicle
 BESIDE_ROOM = 0.5  # [m] beyond the corridor's edges where things that stand may still be near
 
@@ -80,14 +79,16 @@ class Threats:
         rows = np.concatenate([way[0] for way in ways])
         numbers = np.array([way[1:] for way in ways]).repeat([len(way[0]) for way in ways], axis=0)
         share, of_error, error, acceleration, fastest = numbers.T
+        velocity, age = known.velocity[rows], known.age[rows]
         return cls(
-            known.points[rows],
-            share[:, None] * known.velocity[rows],
+            # Where it is if it has kept this share since it was seen: what is known has kept all.
+            known.points[rows] - ((1.0 - share) * age)[:, None] * velocity,
+            share[:, None] * velocity,
             np.zeros((len(rows), 2)),
             of_error * known.error[rows] + error,
             acceleration,
             fastest,
-            known.age[rows],
+            age,
             rows,
         )
 

@@ -23,14 +23,17 @@ from shield.estimation.lane import LaneEstimate, LaneGeometry
 from shield.estimation.scan import ScanFilter, ScannerGeometry
 from shield.vehicle import VehicleGeometry
 from shield.world.corridor import Corridor
+from shield.world.free_space import FreeSpace
 
 __all__ = ["Kind", "Obstacles", "World"]
 
 Index = NDArray[np.int64]
 
 PERSON_WIDTH = 1.0  # [m] anything wider is a vehicle or a wall
-# [m/s] from which narrow things walk although something wide is near, and drive
-WALKING, PERSON_SPEED = 0.4, 2.5
+PERSON_SPEED = 2.5  # [m/s] from which narrow things drive
+ROLLING = 0.5  # [m/s] a slower vehicle counts as standing
+RUN = 0.8  # [m] between neighbours of a run of hits
+MOVER, MOVER_TIME = 0.5, 5.0  # [m] around what has moved, and [s] after that, it may move on
 VEHICLE_LENGTH = 7.0  # [m] longer clusters are walls and hedges, which stand
 PIECE = 1.0  # [m] from a new cluster to something wide that it is a piece of
 REARS = 10  # [scans] that the speed of a vehicle is fitted to: one second
@@ -41,7 +44,7 @@ FIRM_ERROR, FAIR_ERROR, NEW_ERROR = 0.2, 0.6, 2.0  # [m/s] deviation of a veloci
 NEAR = 0.7  # [m] a hit this near to a remembered one, along the beam, renews it
 MISSES = 3  # scans in a row that look through a remembered hit before it is dropped
 HIDDEN_TIME = 3.0  # [s] for which a hit behind something nearer is remembered
-STRAY_TIME = 1.5  # [s] for which a person out of the field of view is: then they may be anywhere
+STRAY_TIME = 4.0  # [s] for which a person out of the field of view is: then they may be anywhere
 BESIDE_TIME = 20.0  # [s] for which anything else out of the field of view is
 MEMORY_WIDTH, MEMORY_BEHIND = 12.0, 3.0  # [m] where remembered hits matter
 COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
@@ -151,12 +154,15 @@ class World:
         self._rays = np.stack([np.cos(self._angles), np.sin(self._angles)], axis=1)
         self._tracker = ClusterTracker(dt, scanner.mount, width=VEHICLE_LENGTH)
         self._scan_filter = ScanFilter(scanner.max_range)
+        self._free = FreeSpace(dt, scanner)
         self.reset()
 
     def reset(self) -> None:
         """Forget the episode; before the first scan nothing is known."""
         self._tracker.reset()
         self._scan_filter.reset()
+        self._free.reset()
+        self._movers: Array = np.zeros((0, 3))  # x, y [m] and age [s] of hits that had moved
         self.obstacles = Obstacles.none()
         self._rears: dict[int, _Rear] = {}
         self._driven = 0.0
@@ -193,11 +199,14 @@ class World:
         repeated = bool(hits.any() and clean.repeated[hits].all())
         blank = not hits.any() and (self._beam_of(remembered.points)[0] >= 0).sum() >= MIN_RETURNS
         doubtful = unseen | ~clean.working | repeated | blank | ~_nearby(~clean.repeated)
+        measured = np.where(hits, clean.ranges, np.inf)
+        self._free.move(self.speed, yaw_rate)
         new = Obstacles.none()
         if not repeated:
             points = clean.ranges[hits, None] * self._rays[hits]
             new = self._take(points, remembered, self.speed, yaw_rate)
-        measured = np.where(hits, clean.ranges, np.inf)
+            self._mark_movers(new)
+            self._free.add(np.where(clean.working, measured, 0.0))
         self.obstacles = new.joined(self._keep(remembered, measured, doubtful))
         self._align(self.obstacles)
         self._shrink(unseen)
@@ -229,11 +238,12 @@ class World:
         """Move what is known by one period, own motion and that of the obstacles."""
         known, dt = self.obstacles, self._dt
         turn = yaw_rate * dt
-        moved = known.points + known.velocity * dt
-        moved[:, 0] -= speed * dt * math.cos(0.5 * turn)
-        moved[:, 1] -= speed * dt * math.sin(0.5 * turn)
+        way = speed * dt * np.array([math.cos(0.5 * turn), math.sin(0.5 * turn)])
+        moved = known.points + known.velocity * dt - way
         cos, sin = math.cos(turn), math.sin(turn)
         back = np.array([[cos, -sin], [sin, cos]])
+        self._movers[:, :2] = (self._movers[:, :2] - way) @ back
+        self._movers[:, 2] += dt
         return Obstacles(
             moved @ back,
             known.velocity @ back,
@@ -260,9 +270,10 @@ class World:
             rows = slice(track.first, track.last + 1)
             number[rows] = track.number
             if self._is_person(track, points, wide):
-                kind[rows], velocity[rows] = Kind.PERSON, track.velocity
-                firm, fair = track.sightings >= FIRM, track.sightings >= FAIR
-                error[rows] = FIRM_ERROR if firm else FAIR_ERROR if fair else NEW_ERROR
+                kind[rows], error[rows] = Kind.PERSON, NEW_ERROR
+                if track.sightings >= FAIR:
+                    velocity[rows] = track.velocity
+                    error[rows] = FIRM_ERROR if track.sightings >= FIRM else FAIR_ERROR
                 continue
             rear, place = self._rears.setdefault(track.number, _Rear()), float(along[rows].min())
             if place > self.scanner.mount + REAR_SEEN:
@@ -274,21 +285,29 @@ class World:
         )
 
     def _is_person(self, track: Track, points: Array, wide: Array) -> bool:
-        """Whether a cluster is narrow, and no piece of something wide (n, 2) that was there.
+        """Whether a cluster is narrow, slow, and no piece of something wide (n, 2) that was there.
 
-        A cluster that moves sideways at a walking pace is a person wherever it is; a faster cluster
-        is a vehicle. Along the road the end of a flank that comes into view seems to walk, too.
+        The end of a flank that comes into view seems to walk: `_mark_movers` tells the two apart.
         """
         if math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH:
             return False
-        if track.sightings >= FIRM:
-            pace = math.hypot(*track.velocity.tolist())
-            if pace >= PERSON_SPEED:
-                return False
-            if abs(track.velocity[1]) >= WALKING:
-                return True
+        pace = math.hypot(*track.velocity.tolist())
+        if track.sightings >= FIRM and pace >= PERSON_SPEED:
+            return False
         middle = track.position + np.array([self.scanner.mount, 0.0])
         return not len(wide) or float(np.hypot(*(wide - middle).T).min()) >= PIECE
+
+    def _mark_movers(self, new: Obstacles) -> None:
+        """Take hits that stand in free space for people, unless their vehicle rolls."""
+        rolls = (new.kind == Kind.VEHICLE) & (np.hypot(*new.velocity.T) > ROLLING)
+        entered = new.points[self._free.entered(new.points) & ~rolls]
+        # A run of them that is wider than a person is a vehicle whose speed is not known yet.
+        moved = np.concatenate([*_narrow_runs(entered), np.zeros((0, 2))])
+        before = self._movers[self._movers[:, 2] < MOVER_TIME]
+        before = before[~_near(before[:, :2], moved, MOVER)]
+        self._movers = np.concatenate([before, np.insert(moved, 2, 0.0, axis=1)])
+        people = _near(new.points, self._movers[:, :2], MOVER) & ~rolls & (new.kind != Kind.PERSON)
+        new.kind[people], new.velocity[people], new.error[people] = Kind.PERSON, 0.0, NEW_ERROR
 
     def _align(self, obstacles: Obstacles) -> None:
         """Let vehicles go along the road."""
@@ -326,6 +345,21 @@ class World:
         shrunk = np.maximum(self._known - nearer, LEAST_KNOWN)
         self._known = np.where(unseen, shrunk, max(self._reach, LEAST_KNOWN))
         self.frontier = self._place(self._known)[unseen]
+
+
+def _narrow_runs(points: Array) -> list[Array]:
+    """Runs of points (n, 2) in the order of their beams that are as narrow as people."""
+    ends = np.flatnonzero(np.hypot(*np.diff(points, axis=0).T) > RUN) + 1
+    runs = np.split(points, ends) if len(points) else []
+    return [run for run in runs if math.dist(run[0], run[-1]) < PERSON_WIDTH]
+
+
+def _near(points: Array, others: Array, reach: float) -> Mask:
+    """Which of points (n, 2) have one of others (m, 2) within reach [m]."""
+    if not len(others):
+        return np.zeros(len(points), np.bool_)
+    apart = points[:, None] - others
+    return np.asarray((apart * apart).sum(axis=2).min(axis=1) < reach * reach)
 
 
 def _nearby(beams: Mask) -> Mask:

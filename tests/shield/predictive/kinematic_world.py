@@ -17,6 +17,7 @@ SUBSTEPS = 4  # instants of a period at which contacts are tested
 MOVING = 0.1  # [m/s] a slower car is at rest
 LANE_STD, LANE_NOISE = 0.03, 0.06  # [m] stated, and the largest there is
 RANGE_NOISE = 0.05  # [m] largest error of a range
+REMEMBERED = 40  # periods for which the shield remembers a person whom no beam hits (A8)
 
 Driver = Callable[["KinematicWorld", int], Array]
 Defect = Callable[[Array, int], Array]
@@ -30,12 +31,13 @@ class Event:
     thing: int
     moving: bool
     by_other: bool
-    seen: int  # periods since a beam last hit it
+    seen: float  # periods since a beam last hit it
 
     @property
     def at_fault(self) -> bool:
-        """Whether the car touched it while it moved, and was not run into from behind."""
-        return self.thing < 0 or (self.moving and not self.by_other)
+        """Whether the moving car touched what it could know of, and not because of a push."""
+        known = self.seen <= REMEMBERED
+        return self.thing < 0 or (self.moving and known and not self.by_other)
 
 
 @dataclass
@@ -116,8 +118,8 @@ class KinematicWorld:
     yaw_rate: float = 0.0
 
     def __post_init__(self) -> None:
-        """Nothing has been seen yet."""
-        self.seen = [10_000] * len(self.things)
+        """Nobody has looked yet."""
+        self.seen: list[float] = [-math.inf] * len(self.things)
 
     def body(self) -> Thing:
         """The car's outline."""
@@ -132,7 +134,8 @@ class KinematicWorld:
         mount = self.scanner.mount
         origin = x + mount * math.cos(yaw), y + mount * math.sin(yaw), yaw
         ranges, what = cast(self.scanner, origin, self.things)
-        self.seen = [0 if i in what else age + 1 for i, age in enumerate(self.seen)]
+        never = [math.inf if age < 0 else age + 1 for age in self.seen]
+        self.seen = [0 if i in what else age for i, age in enumerate(never)]
         if self.rng is not None:
             ranges = ranges + self.rng.uniform(-RANGE_NOISE, RANGE_NOISE, ranges.shape)
         return np.where(np.isfinite(ranges), np.maximum(ranges, 0.01), self.scanner.max_range)

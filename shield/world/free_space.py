@@ -1,0 +1,73 @@
+"""Where earlier scans looked through: what stands there now has moved there.
+
+This is evidence of motion that needs no track: a person who steps out from beside a parked car is
+part of the same run of hits, but stands in space that was seen free.
+"""
+
+import math
+from collections import deque
+
+import numpy as np
+
+from shield.errors import Array, Mask
+from shield.estimation.scan import ScannerGeometry
+
+__all__ = ["FreeSpace"]
+
+LOOK_BACK = (2, 5)  # [scans] 0.5 m/s show within half a second; odometry is good for as long
+BESIDE = 2  # beams to each side that looked through as well: 2 degrees of heading error
+DEPTH, DEPTH_SLOPE = 0.3, 0.02  # [m], [m/m] that a hit has to lie within the free space
+FURTHEST = 15.0  # [m] beyond which beams are too far apart to tell
+
+
+class FreeSpace:
+    """The ways that the last scans were free, each from where it was taken.
+
+    Args:
+        dt: Period of the scans [s].
+        scanner: Where it is and where its beams point.
+    """
+
+    def __init__(self, dt: float, scanner: ScannerGeometry) -> None:
+        self._dt, self._scanner = dt, scanner
+        self.reset()
+
+    def reset(self) -> None:
+        """Nothing has been seen."""
+        self._ways: deque[Array] = deque(maxlen=max(LOOK_BACK))
+        self._poses: Array = np.zeros((0, 3))  # of the car at each scan, the newest first
+
+    def move(self, speed: float, yaw_rate: float) -> None:
+        """Go on by one period [m/s], [rad/s]."""
+        turn, way = yaw_rate * self._dt, speed * self._dt
+        x = self._poses[:, 0] - way * math.cos(0.5 * turn)
+        y = self._poses[:, 1] - way * math.sin(0.5 * turn)
+        cos, sin = math.cos(turn), math.sin(turn)
+        moved = cos * x + sin * y, cos * y - sin * x, self._poses[:, 2] - turn
+        self._poses = np.stack(moved, axis=1)
+
+    def add(self, ranges: Array) -> None:
+        """Take how far each beam looked (n,) [m]: infinite without a return, 0 if it is broken."""
+        far = np.pad(ranges, BESIDE, constant_values=0.0)
+        ways = np.lib.stride_tricks.sliding_window_view(far, 2 * BESIDE + 1).min(axis=1)
+        self._ways.appendleft(ways)
+        self._poses = np.concatenate([np.zeros((1, 3)), self._poses])[: len(self._ways)]
+
+    def entered(self, points: Array) -> Mask:
+        """Which points (n, 2) in the car's frame [m] lie in space that was seen free."""
+        inside = np.zeros(len(points), np.bool_)
+        angles, mount = self._scanner.angles, self._scanner.mount
+        spacing = float(angles[1] - angles[0])
+        for age in LOOK_BACK:
+            if age > len(self._ways):
+                break
+            x, y, yaw = self._poses[age - 1].tolist()
+            cos, sin = math.cos(yaw), math.sin(yaw)
+            east, north = points[:, 0] - x, points[:, 1] - y
+            ahead, left = cos * east + sin * north - mount, cos * north - sin * east
+            distance = np.hypot(ahead, left)
+            beam = np.rint((np.arctan2(left, ahead) - angles[0]) / spacing).astype(np.int64)
+            seen = (beam >= 0) & (beam < len(angles)) & (distance < FURTHEST)
+            way = self._ways[age - 1][np.clip(beam, 0, len(angles) - 1)]
+            inside |= seen & (way - distance > DEPTH + DEPTH_SLOPE * distance)
+        return inside
