@@ -15,8 +15,10 @@ from shield.estimation.scan import ScannerGeometry
 __all__ = ["FreeSpace"]
 
 LOOK_BACK = (2, 5)  # [scans] 0.5 m/s show within half a second; odometry is good for as long
-BESIDE = 2  # beams to each side that looked through as well: 2 degrees of heading error
-DEPTH, DEPTH_SLOPE = 0.3, 0.02  # [m], [m/m] that a hit has to lie within the free space
+# A hit has to lie within the free space: behind it [m], [m/m], and beside it, in beams (two degrees
+# of heading error) and in [m] (the way driven, across a flank seen at a grazing angle)
+DEPTH, DEPTH_SLOPE, BESIDE, ASIDE = 0.3, 0.02, 2, 0.3
+ACROSS = np.linspace(-1.0, 1.0, 9)  # of these directions
 FURTHEST = 15.0  # [m] beyond which beams are too far apart to tell
 
 
@@ -48,9 +50,8 @@ class FreeSpace:
 
     def add(self, ranges: Array) -> None:
         """Take how far each beam looked (n,) [m]: infinite without a return, 0 if it is broken."""
-        far = np.pad(ranges, BESIDE, constant_values=0.0)
-        ways = np.lib.stride_tricks.sliding_window_view(far, 2 * BESIDE + 1).min(axis=1)
-        self._ways.appendleft(ways)
+        # Out of view nothing is known.
+        self._ways.appendleft(np.pad(ranges, 1, constant_values=0.0))
         self._poses = np.concatenate([np.zeros((1, 3)), self._poses])[: len(self._ways)]
 
     def entered(self, points: Array) -> Mask:
@@ -66,8 +67,11 @@ class FreeSpace:
             east, north = points[:, 0] - x, points[:, 1] - y
             ahead, left = cos * east + sin * north - mount, cos * north - sin * east
             distance = np.hypot(ahead, left)
-            beam = np.rint((np.arctan2(left, ahead) - angles[0]) / spacing).astype(np.int64)
-            seen = (beam >= 0) & (beam < len(angles)) & (distance < FURTHEST)
-            way = self._ways[age - 1][np.clip(beam, 0, len(angles) - 1)]
-            inside |= seen & (way - distance > DEPTH + DEPTH_SLOPE * distance)
+            aside = np.maximum(np.arctan2(ASIDE, distance), BESIDE * spacing)
+            spread = np.arctan2(left, ahead)[:, None] + aside[:, None] * ACROSS
+            beam = (spread - angles[0]) / spacing
+            beams = np.clip(np.rint(beam).astype(np.int64), -1, len(angles))
+            way = self._ways[age - 1][beams + 1].min(axis=1)
+            deep = way - distance > DEPTH + DEPTH_SLOPE * distance
+            inside |= deep & (distance < FURTHEST)
         return inside

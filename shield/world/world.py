@@ -44,7 +44,9 @@ FIRM_ERROR, FAIR_ERROR, NEW_ERROR = 0.2, 0.6, 2.0  # [m/s] deviation of a veloci
 NEAR = 0.7  # [m] a hit this near to a remembered one, along the beam, renews it
 MISSES = 3  # scans in a row that look through a remembered hit before it is dropped
 HIDDEN_TIME = 3.0  # [s] for which a hit behind something nearer is remembered
-STRAY_TIME = 4.0  # [s] for which a person out of the field of view is: then they may be anywhere
+# [s] for which a person out of the field of view is remembered, and by a car that stands [m/s]:
+# after that they may be anywhere
+STRAY_TIME, STANDING_STRAY_TIME, STANDING = 1.5, 4.0, 0.3
 BESIDE_TIME = 20.0  # [s] for which anything else out of the field of view is
 MEMORY_WIDTH, MEMORY_BEHIND = 12.0, 3.0  # [m] where remembered hits matter
 COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
@@ -332,7 +334,8 @@ class World:
         missed = in_view & ~doubted & ~renewed & ~hidden
         misses = np.where(missed, known.misses + 1, np.where(in_view & ~doubted, 0, known.misses))
         limit = np.where(in_view & hidden, HIDDEN_TIME, BESIDE_TIME)
-        limit = np.where(~in_view & (known.kind == Kind.PERSON), STRAY_TIME, limit)
+        stray = STRAY_TIME if abs(self.speed) > STANDING else STANDING_STRAY_TIME
+        limit = np.where(~in_view & (known.kind == Kind.PERSON), stray, limit)
         x, y = known.points.T
         kept = ~renewed & (misses < MISSES) & (known.age < limit)
         kept &= (x > -MEMORY_BEHIND) & (np.abs(y) < MEMORY_WIDTH)
