@@ -24,7 +24,7 @@ __all__ = ["Answer", "OsqpSolver", "Program", "QPSolver", "QpsolversSolver", "ma
 # the random horizons of `shield.bench`, for which polishing then solves to rounding errors. The
 # fine one counts where polishing fails: 1e-6 left an objective 1.5e-6 too high.
 COARSE, FINE = 1e-3, 1e-8
-_MAX_OPTIONS = 4000  # [-] several times what a horizon of eight steps takes
+_MAX_ITERATIONS = 4000  # [-] several times what a horizon of eight steps takes
 
 # Names of the arguments by which solvers of qpsolvers take a time limit; the others have none, and
 # some work for seconds on a badly scaled problem, so their iterations are limited. ProxQP stops at
@@ -110,24 +110,29 @@ class OsqpSolver:
 
     def _set_up(self) -> None:
         bound = np.ones(self._matrix.shape[0])
-        self._workspace = osqp.OSQP()
-        self._workspace.setup(
+        start = Program(np.zeros(self._matrix.shape[1]), -bound, bound)
+        # A multiple of the checks, never the clock: same input, same iterations.
+        self._workspace = self._new_workspace(start, COARSE, adaptive_rho_interval=50)
+        self._is_cold, self._is_fine = True, False
+
+    def _new_workspace(self, program: Program, tolerance: float, **more: Any) -> osqp.OSQP:
+        workspace = osqp.OSQP()
+        workspace.setup(
             sparse.diags(self._weights, format="csc"),
-            np.zeros(self._matrix.shape[1]),
+            program.q,
             self._matrix,
-            -bound,
-            bound,
-            eps_abs=COARSE,
-            eps_rel=COARSE,
-            max_iter=_MAX_OPTIONS,
+            program.lower,
+            program.upper,
+            eps_abs=tolerance,
+            eps_rel=tolerance,
+            max_iter=_MAX_ITERATIONS,
             time_limit=self._time_limit,
-            # A multiple of the checks, never the clock: same input, same iterations.
-            adaptive_rho_interval=50,
             check_termination=10,
             polishing=True,
             verbose=False,
+            **more,
         )
-        self._is_cold, self._is_fine = True, False
+        return workspace
 
     def solve(self, program: Program, *, fine: bool = False) -> Answer:
         """Update the workspace and solve."""
@@ -138,9 +143,15 @@ class OsqpSolver:
             self._is_fine = fine
         try:
             if program.entries is not None:
+                self._matrix.data[:] = program.entries
                 self._workspace.update(Ax=program.entries)
             self._workspace.update(q=program.q, l=program.lower, u=program.upper)
             result = self._workspace.solve(raise_error=False)
+            if result.info.status == "maximum iterations reached":
+                # The adapted step size can run to its bound and stay there: again with a fixed one.
+                tolerance = FINE if fine else COARSE
+                fixed = self._new_workspace(program, tolerance, adaptive_rho=False, rho=1.0)
+                result = min(result, fixed.solve(raise_error=False), key=_is_unsolved)
         except osqp.OSQPException as error:
             self._set_up()
             return Answer(None, None, f"osqp failed with code {error}")
@@ -153,6 +164,10 @@ class OsqpSolver:
         if not usable or "infeasible" in status:
             return Answer(None, None, f"osqp gave no solution: {status}")
         return Answer(result.x, result.y, f"osqp stopped early: {status}")
+
+
+def _is_unsolved(result: Any) -> bool:
+    return bool(result.info.status != "solved")
 
 
 class QpsolversSolver:

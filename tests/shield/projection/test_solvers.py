@@ -15,7 +15,15 @@ import pytest
 from qpsolvers.exceptions import SolverError
 from scipy import sparse
 
-from shield import UNBOUNDED, HorizonProjector, Projection, Rows, SafetyFilter, Status
+from shield import (
+    UNBOUNDED,
+    ActuatorLimits,
+    HorizonProjector,
+    Projection,
+    Rows,
+    SafetyFilter,
+    Status,
+)
 from shield.projection.solvers import Answer, OsqpSolver, Program, QpsolversSolver
 from tests.shield.oracles import broken_bounds
 from tests.shield.strategies import CITY, LINEAR, Array
@@ -205,6 +213,23 @@ def test_an_optimum_that_a_warm_start_misses_is_projected_from_a_cold_one() -> N
     got = misled.project(WISH, PREVIOUS)
     assert got.status is exact.status is Status.PROJECTED
     assert np.allclose(got.actions, exact.actions, rtol=0.0, atol=1e-9)
+
+
+def test_a_step_size_that_ran_to_its_bound_does_not_cost_the_optimum() -> None:
+    """OSQP's adaptation may never come back from there: then the step size is fixed."""
+    limits = ActuatorLimits(
+        dt=0.05,
+        max_steering=0.05,
+        max_steering_rate=1.01,
+        min_speed=0.0,
+        max_speed=0.0,
+        max_acceleration=7.7,
+        max_deceleration=0.01,
+        max_lateral_acceleration=None,
+    )
+    target = HorizonProjector(limits, 2, deadline=PATIENT)
+    got = target.project([[0.004, -0.86], [-0.99, -0.45]], [0.0, 0.0])
+    assert got.status is Status.PROJECTED
 
 
 @pytest.mark.parametrize("name", ["daqp", "quadprog", "clarabel", "piqp"])
