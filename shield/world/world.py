@@ -113,6 +113,7 @@ class _Rear:
 
     places: deque[float] = field(default_factory=lambda: deque(maxlen=REARS))
     pace: float = 0.0
+    wide: bool = False  # whether it was ever seen to be wider than a person
 
     def see(self, place: float, dt: float) -> None:
         """Take its place along the lane [m]."""
@@ -267,7 +268,7 @@ class World:
         kind, number = np.full(count, int(Kind.STRUCTURE)), np.full(count, -1)
         remembered = set(self.obstacles.number.tolist())
         self._rears = {n: rear for n, rear in self._rears.items() if n in remembered}
-        wide = before.points[before.kind != Kind.PERSON]
+        wide = before.where(before.kind != Kind.PERSON)
         for track in self._tracker.update(points, speed, yaw_rate):
             rows = slice(track.first, track.last + 1)
             number[rows] = track.number
@@ -278,6 +279,7 @@ class World:
                     error[rows] = FIRM_ERROR if track.sightings >= FIRM else FAIR_ERROR
                 continue
             rear, place = self._rears.setdefault(track.number, _Rear()), float(along[rows].min())
+            rear.wide |= _is_wide(track, points)
             if place > self.scanner.mount + REAR_SEEN:
                 rear.see(self._driven + place, self._dt)
             kind[rows], velocity[rows] = Kind.VEHICLE, (rear.pace, 0.0)
@@ -286,18 +288,21 @@ class World:
             placed, velocity, error, kind, number, np.zeros(count), np.zeros(count, np.int64)
         )
 
-    def _is_person(self, track: Track, points: Array, wide: Array) -> bool:
-        """Whether a cluster is narrow, slow, and no piece of something wide (n, 2) that was there.
+    def _is_person(self, track: Track, points: Array, wide: Obstacles) -> bool:
+        """Whether a cluster is narrow, slow, and no piece of something wide.
 
         The end of a flank that comes into view seems to walk: `_mark_movers` tells the two apart.
         """
-        if math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH:
+        if _is_wide(track, points):
             return False
         pace = math.hypot(*track.velocity.tolist())
         if track.sightings >= FIRM and pace >= PERSON_SPEED:
             return False
         middle = track.position + np.array([self.scanner.mount, 0.0])
-        return not len(wide) or float(np.hypot(*(wide - middle).T).min()) >= PIECE
+        before = self._rears.get(track.number)
+        if before is None or not before.wide:  # its own hits are no more evidence than it is
+            wide = wide.where(wide.number != track.number)
+        return not _near(middle[None], wide.points, PIECE)[0]
 
     def _mark_movers(self, new: Obstacles) -> None:
         """Take hits that stand in free space for people, unless their vehicle rolls."""
@@ -348,6 +353,11 @@ class World:
         shrunk = np.maximum(self._known - nearer, LEAST_KNOWN)
         self._known = np.where(unseen, shrunk, max(self._reach, LEAST_KNOWN))
         self.frontier = self._place(self._known)[unseen]
+
+
+def _is_wide(track: Track, points: Array) -> bool:
+    """Whether a cluster of points (n, 2) is wider than a person."""
+    return math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH
 
 
 def _narrow_runs(points: Array) -> list[Array]:
