@@ -26,6 +26,9 @@ ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
 # [m] by which corners may swing out on a detour that leads back, and how far along it; share of the
 # lane's error up to which they may
 SWING, SWING_LENGTH, SWING_SHARE = 0.05, 1.5, 0.5
+# [m] to the edge by the bare estimate, and how far a car may drive so near to it on its way back:
+# each step is measured from the estimate of the moment, whose error could carry the car out
+AT_EDGE, LONGEST_RETURN = 0.15, 3.0
 RETURN = 0.05  # by how much less a car outside has to be so, per metre
 ROUNDING = 1e-9  # [m] that quick bounds on a distance concede
 PART = 512  # pairs of a period and a threat that are checked before motions which fail are dropped
@@ -46,7 +49,13 @@ class _Pairs(NamedTuple):
 
 
 class Certification:
-    """The checks of one step."""
+    """The checks of one step.
+
+    Attributes:
+        threats: What a motion has to keep clear of.
+        outside_now: By how much the corridor may be left at present [m], negative inside of it.
+        at_edge: Whether a corner is near the corridor's edge whatever the error.
+    """
 
     def __init__(
         self,
@@ -56,8 +65,9 @@ class Certification:
         dt: float,
         braking: float,
         scanner_clearance: float,
+        strayed: float = 0.0,
     ) -> None:
-        self._scanner_clearance = scanner_clearance
+        self._scanner_clearance, self._may_return = scanner_clearance, strayed < LONGEST_RETURN
         self._world, self._assumptions, self._vehicle, self._dt = world, assumptions, vehicle, dt
         speed = abs(world.speed)
         self._room = STANDING_ROOM * vehicle.length
@@ -65,11 +75,13 @@ class Certification:
         self.threats = Threats.of(world, assumptions, horizon)
         self._margin = assumptions.range_error + assumptions.tracking_error
         corridor = world.corridor
-        self._outside_now = self._turned_now = 0.0
+        self.outside_now = self._turned_now = 0.0
+        self.at_edge = False
         if corridor is not None:
             offset, heading, curvature, _ = corridor.lane
             pose = np.full((1, 1), offset), np.full((1, 1), heading), np.full((1, 1), curvature)
-            self._outside_now = float(self._outside(*pose)[0, 0])
+            self.outside_now = float(self._outside(*pose)[0, 0])
+            self.at_edge = self.outside_now - self._lane_error() > -AT_EDGE
             self._turned_now = float(self._turned(pose[1])[0, 0])
 
     def check(self, motions: Motions, margin: float, *, roomy: bool = True) -> Mask:
@@ -113,8 +125,10 @@ class Certification:
         heading = motions.heading_error[:, :last]
         pose = motions.offset[:, :last], heading, motions.curvature[:, :last]
         swing = 0.0 if roomy else min(SWING, SWING_SHARE * self._lane_error())
-        left = _excess(self._outside(*pose), self._outside_now, margin, swing)
-        return np.maximum(left, _excess(self._turned(heading), self._turned_now, margin, 0.0))
+        outside, turned = self._outside(*pose), self._turned(heading)
+        left = _excess(outside, self.outside_now, margin, swing, self._may_return)
+        away = _excess(turned, self._turned_now, margin, 0.0, self._may_return)
+        return np.maximum(left, away)
 
     def _keep_clear(self, x: Array, y: Array, yaw: Array, margin: float) -> Mask:
         """Whether motions (b, N) keep their distance from all threats (b,)."""
@@ -188,7 +202,7 @@ class Certification:
             heading = yaw - np.arctan2(ways[:, 1], ways[:, 0]).reshape(x.shape)
             bend = np.full(x.shape, road.lane[2])
             swung = np.where(along < SWING_LENGTH, SWING, 0.0)
-            back = np.maximum(self._outside_now - along * RETURN, 0.0)
+            back = np.maximum(self.outside_now - along * RETURN, 0.0)
             free &= self._outside(offset, heading, bend) <= back + swung
             free &= self._turned(heading) <= max(self._turned_now, 0.0)
         return np.asarray(ARC_STEP * np.logical_and.accumulate(free, axis=1).sum(axis=1))
@@ -269,10 +283,10 @@ class Certification:
         return np.asarray(np.maximum(left, right) + error)
 
 
-def _excess(left: Array, now: float, margin: float, swing: float) -> Array:
+def _excess(left: Array, now: float, margin: float, swing: float, may_return: bool) -> Array:
     """Worst of excesses (B, N) with a margin (B,) [m]; none for the way back from outside."""
     worst = left.max(axis=1) + 0.5 * margin
-    if now + 0.5 * margin <= 0.0:
+    if not may_return or now + 0.5 * margin <= 0.0:
         return np.asarray(worst)
     # From outside, what ends further in is the way back; a corner may swing out meanwhile.
     back = (left.max(axis=1) <= now + swing) & (left[:, -1] < now)
