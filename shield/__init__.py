@@ -12,7 +12,6 @@ from shield.estimation.clearance import ClearanceEstimate, ClearanceTracker
 from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.lane import LaneEstimate, LaneGeometry, LaneMeasurement, LaneTracker
 from shield.estimation.scan import ScannerGeometry
-from shield.follower import SetpointFollower
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import UNBOUNDED, Constraint, Rows
 from shield.predictive import Assumptions, PredictiveFilter
@@ -48,7 +47,6 @@ __all__ = [
     "Rows",
     "SafetyFilter",
     "ScannerGeometry",
-    "SetpointFollower",
     "ShieldError",
     "Status",
     "Track",
