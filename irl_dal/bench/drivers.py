@@ -88,6 +88,7 @@ def _at_moving(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     """Steers at the nearest thing that can move, by the truth."""
 
     def command(_: Observation, info: Info) -> Array:
+        """Straight at it; the expert's steering where nothing moves."""
         scene, (x, y, yaw) = loop.city.scene(), info["pose"]
         movers = [o for o in scene.obstacles if o.bodies and (o.cruise or o.crossing)]
         places = np.array([scene.road.pose(o.s, o.d)[:2] for o in movers]).reshape(-1, 2) - (x, y)
@@ -104,6 +105,7 @@ def _oncoming(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     """Keeps to the middle of the inner oncoming lane."""
 
     def command(_: Observation, info: Info) -> Array:
+        """Lane keeping about that offset."""
         lane = info["lane"]
         bend = np.arctan(loop.limits.wheelbase * lane.curvature)
         error = lane.lateral_offset - 2.0 * LANE_WIDTH
