@@ -12,11 +12,14 @@ from shield.errors import Array, InvalidLimits, InvalidProblem, MissingDependenc
 from shield.gym.box_filter import BoxFilter
 from shield.gym.vehicle_filter import VehicleFilter
 from shield.limits.actuator_limits import ActuatorLimits
+from shield.predictive import PredictiveFilter
 
 try:
     import gymnasium
     from gymnasium.utils import RecordConstructorArgs
     from gymnasium.vector import AutoresetMode, VectorEnv, VectorWrapper
+
+    from shield.gym.certified import CertifiedEnv
 except ImportError as error:
     raise MissingDependency("shield.gym needs gymnasium: pip install gymnasium") from error
 
@@ -29,7 +32,8 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     Works with any environment whose action space is a `Box` of floating point numbers. An action
     that is admissible reaches the environment bit by bit. Everything else is replaced by the
     nearest admissible action that the precision of the space can express. A vectorised environment
-    gives a `ShieldedVectorEnv`.
+    gives a `ShieldedVectorEnv`; with a `PredictiveFilter` in the place of the limits, and `sense`,
+    the arguments and the wrapper are those of `CertifiedEnv`.
 
     Args:
         env: Environment.
@@ -53,7 +57,9 @@ class ShieldedEnv(gymnasium.Wrapper[Any, Any, Any, Any], RecordConstructorArgs):
     """
 
     def __new__(cls, env: Any = None, *args: Any, **kwargs: Any) -> Any:
-        """Return a `ShieldedVectorEnv` for a vectorised environment."""
+        """Return a `CertifiedEnv`, or a `ShieldedVectorEnv` for a vectorised environment."""
+        if _predictive(args, kwargs):
+            return CertifiedEnv(env, *args, **kwargs)
         if isinstance(env, VectorEnv):
             return ShieldedVectorEnv(env, *args, **kwargs)
         return super().__new__(cls)
@@ -98,6 +104,8 @@ class ShieldedVectorEnv(VectorWrapper):
     """
 
     def __init__(self, env: VectorEnv[Any, Any, Any], *arguments: Any, **options: Any) -> None:
+        if _predictive(arguments, options):
+            raise InvalidProblem(f"a PredictiveFilter needs one environment of its own. Got {env}.")
         super().__init__(env)
         bounds = _Bounds(*arguments, **options)
         self._shields = bounds.filters(env.single_action_space, env.num_envs)
@@ -140,6 +148,12 @@ class ShieldedVectorEnv(VectorWrapper):
             self._reset(self._ended)
         info = {**info, "certificate": certificates, "_certificate": ~ignored}
         return observations, rewards, terminated, truncated, info
+
+
+def _predictive(arguments: tuple[Any, ...], options: Mapping[str, Any]) -> bool:
+    """Tell whether the arguments behind `env` are those of a `CertifiedEnv`."""
+    named = {"predictive_filter", "sense"} & set(options)
+    return bool(named) or isinstance(next(iter(arguments), None), PredictiveFilter)
 
 
 @dataclass(frozen=True, slots=True)

@@ -77,10 +77,13 @@ class VehicleFilter:
         """The last executed command [rad, m/s], shape (2,), read-only."""
         return self._filter.previous
 
-    def reset(self) -> None:
-        """Count the rest command as executed."""
-        self._action = self._to_action(self._rest)
-        self._filter.reset(self._to_command(self._action))
+    def reset(self, command: ArrayLike | None = None) -> None:
+        """Count a command (2,) as executed, cut to the limits; the rest command by default."""
+        start = self._rest
+        if command is not None:
+            start = np.clip(as_array("command", command, (2,)), self.limits.low, self.limits.high)
+        self._action = self.to_action(start)
+        self._filter.reset(self.to_command(self._action))
 
     @np.errstate(all="ignore")
     def filter(self, action: ArrayLike) -> Certificate:
@@ -98,15 +101,15 @@ class VehicleFilter:
         begin = time.perf_counter()
         nominal = as_action("action", action, (2,))
         given = nominal.astype(self._dtype)
-        before, command = self.previous, self._to_command(given)
+        before, command = self.previous, self.to_command(given)
         status, reason, excess = Status.NOMINAL, "", 0.0
         if self.limits.violated(command, before):
             certificate = self._filter.filter(command)
             status, reason = certificate.status, certificate.reason
             # What only the tightened limits ask for is still a change of the action.
             status = Status.PROJECTED if status is Status.NOMINAL else status
-            given = self._to_action(certificate.safe_action)
-            command = self._to_command(given)
+            given = self.to_action(certificate.safe_action)
+            command = self.to_command(given)
             if self.limits.violated(command, before) and not certificate.max_violation:
                 status, reason = Status.REPAIRED, "the last action is held"
                 given, command = self._action, before.copy()
@@ -150,11 +153,13 @@ class VehicleFilter:
             max_lateral_acceleration=lateral,
         )
 
-    def _to_command(self, action: NDArray[Any]) -> Array:
+    def to_command(self, action: NDArray[Any]) -> Array:
+        """Return the command (2,) [rad, m/s] of an action (2,)."""
         exact = action.astype(np.float64)
         return self.limits.to_command(exact) if self._normalised else exact
 
-    def _to_action(self, command: Array) -> NDArray[Any]:
+    def to_action(self, command: Array) -> NDArray[Any]:
+        """Return the nearest action (2,) that the space's precision can express."""
         exact = self.limits.to_action(command) if self._normalised else command
         with np.errstate(over="ignore"):
             return exact.astype(self._dtype)

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.errors import Array, InvalidLimits, as_array, check_within
+from shield.errors import Array, InvalidLimits, as_array, check_numbers, check_within
 from shield.estimation.lane import LaneEstimate, LaneGeometry
 from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
@@ -110,11 +110,26 @@ class PredictiveFilter:
         self._backup, self._strayed = 0, 0.0  # [m] driven at its edge
         self._detour.reset()
 
+    def record(self, command: ArrayLike) -> None:
+        """Correct what was executed, as `SafetyFilter.record`."""
+        self._filter.record(command)
+
     def update(
-        self, scan: ArrayLike, speed: float, yaw_rate: float, lane: LaneEstimate | None = None
+        self,
+        scan: ArrayLike,
+        speed: float,
+        yaw_rate: float,
+        lane: LaneEstimate | None = None,
+        age: float = 0.0,
     ) -> None:
-        """Take a scan and a lane estimate; arguments and errors are those of `World.update`."""
-        self.world.update(scan, speed, yaw_rate, lane)
+        """Take a scan and a lane estimate; arguments and errors are those of `World.update`.
+
+        A scan whose `age` [s] at the next command exceeds the assumed delay says nothing (A5).
+        """
+        check_numbers(age=age)
+        ranges = as_array("scan", scan)
+        late = not age <= self.assumptions.delay
+        self.world.update(np.full_like(ranges, np.nan) if late else ranges, speed, yaw_rate, lane)
 
     @np.errstate(all="ignore")
     def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:

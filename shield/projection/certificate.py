@@ -92,6 +92,8 @@ class Certificate(_Result):
         status, reason, max_violation, solve_time: As in `Projection`, for the executed command.
         correction: ``safe_action - nominal_action``, same shape, read-only.
         intervened: True when `safe_action` differs from `nominal_action`.
+        flags: Assumptions of a `PredictiveFilter` that can be seen to be broken, such as "A6:
+            brakes less than assumed".
     """
 
     nominal_action: NDArray[Any]
@@ -102,3 +104,4 @@ class Certificate(_Result):
     max_violation: float
     solve_time: float
     intervened: bool
+    flags: tuple[str, ...] = ()

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import runpy
 import subprocess
 import sys
@@ -63,6 +64,17 @@ def test_the_examples_run(name: str, capsys: pytest.CaptureFixture[str]) -> None
     assert 40 <= len(path.read_text(encoding="utf-8").splitlines()) <= 100
     runpy.run_path(str(path), run_name="__main__")
     assert capsys.readouterr().out
+
+
+def test_the_small_robot_touches_nothing(capsys: pytest.CaptureFixture[str]) -> None:
+    """Which it does without the filter."""
+    pytest.importorskip("gymnasium")
+    runpy.run_path(str(ROOT / "examples" / "small_robot.py"), run_name="__main__")
+    without, with_it = (
+        [int(number) for number in re.findall(r"\d+", line)]
+        for line in capsys.readouterr().out.splitlines()
+    )
+    assert without[2] > 5 and with_it[2] == 0 and with_it[0] > 30
 
 
 def test_the_bench_prints_and_writes_its_numbers(
