@@ -77,6 +77,18 @@ def test_the_small_robot_touches_nothing(capsys: pytest.CaptureFixture[str]) -> 
     assert without[2] > 5 and with_it[2] == 0 and with_it[0] > 30
 
 
+def test_on_the_racetrack_only_the_bare_driver_leaves_the_road(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """One drive of each kind of driver."""
+    pytest.importorskip("highway_env")
+    example = runpy.run_path(str(ROOT / "examples" / "highway_racetrack.py"))
+    example["main"](drives=1)
+    lines = capsys.readouterr().out.splitlines()
+    assert len(lines) == 4 and "1 departures" in lines[0]
+    assert all(f"0 {end}" in line for end in example["ENDS"][:2] for line in (lines[1], lines[3]))
+
+
 def test_the_bench_prints_and_writes_its_numbers(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
