@@ -12,9 +12,10 @@ from shield.estimation.lane import LaneEstimate, LaneGeometry
 from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.predictive.assumptions import Assumptions
-from shield.predictive.backups import BACKUPS, BackupLibrary, Motions, Start
+from shield.predictive.backups import BACKUPS, REST, BackupLibrary, Motions, Start
 from shield.predictive.certification import Certification
 from shield.predictive.detour import Detour
+from shield.predictive.monitors import Monitors
 from shield.projection.certificate import Certificate, Status
 from shield.projection.projector import HorizonProjector
 from shield.projection.solvers import SolverFactory
@@ -76,6 +77,7 @@ class PredictiveFilter:
         self._deadline, self._scanner_clearance = deadline, scanner_clearance
         self._library = BackupLibrary(limits, self.assumptions)
         self._detour = Detour(limits)
+        self._monitors = Monitors(limits, self.assumptions)
         self._projector = HorizonProjector(limits, 1, solver, deadline=deadline)
         self._filter = SafetyFilter(limits, solver, deadline=deadline)
         self.reset()
@@ -109,6 +111,7 @@ class PredictiveFilter:
         self._tail: Array = np.zeros((0, 2))
         self._backup, self._strayed = 0, 0.0  # [m] driven at its edge
         self._detour.reset()
+        self._monitors.reset()
 
     def record(self, command: ArrayLike) -> None:
         """Correct what was executed, as `SafetyFilter.record`."""
@@ -130,6 +133,8 @@ class PredictiveFilter:
         ranges = as_array("scan", scan)
         late = not age <= self.assumptions.delay
         self.world.update(np.full_like(ranges, np.nan) if late else ranges, speed, yaw_rate, lane)
+        if late and self.world.reading is not None:
+            self.world.reading = replace(self.world.reading, age=age)
 
     @np.errstate(all="ignore")
     def filter(self, nominal: ArrayLike, plan: ArrayLike | None = None) -> Certificate:
@@ -151,6 +156,7 @@ class PredictiveFilter:
         nominal_action = as_array("nominal", nominal, (2,)).copy()
         self.checks = checks = self._look()
         self.motion = self.refused = None
+        flags = self._monitors.watch(self.world, self.previous)
         reason, command = f"nominal {nominal_action.tolist()} is not finite", None
         if np.isfinite(nominal_action).all():
             detour = self._detour.suggest(checks, nominal_action, self.previous, self.world.speed)
@@ -162,6 +168,8 @@ class PredictiveFilter:
                 command = self._nearest(checks, start, asked, begin + self._deadline)
         status = Status.PROJECTED
         if command is None:
+            if not len(self._tail) and abs(self.world.speed) > REST:
+                flags += ("A10: moves, and nothing is certified",)
             status, command = Status.FALLBACK, self._go_on()
             reason += "; the committed backup goes on"
         certificate = self._filter.filter(command, plan)
@@ -174,6 +182,7 @@ class PredictiveFilter:
             status=status if changed else Status.NOMINAL,
             reason=reason or certificate.reason,
             intervened=changed,
+            flags=flags,
             solve_time=time.perf_counter() - begin,
         )
 

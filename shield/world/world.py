@@ -24,6 +24,7 @@ from shield.estimation.scan import ScanFilter, ScannerGeometry
 from shield.vehicle import VehicleGeometry
 from shield.world.corridor import Corridor
 from shield.world.free_space import FreeSpace
+from shield.world.reading import Reading
 
 __all__ = ["Kind", "Obstacles", "World"]
 
@@ -141,6 +142,7 @@ class World:
         corridor: The road, as far as it is known; None where there are no lanes.
         speed: Own speed [m/s].
         flags: What could not be trusted in the newest scan.
+        reading: What it was, and tracks: its clusters; for monitors.
     """
 
     def __init__(
@@ -174,6 +176,8 @@ class World:
         self.corridor: Corridor | None = None
         self.speed = 0.0
         self.flags: tuple[str, ...] = ()
+        self.reading: Reading | None = None
+        self.tracks: list[Track] = []
 
     def update(
         self, scan: ArrayLike, speed: float, yaw_rate: float, lane: LaneEstimate | None = None
@@ -191,6 +195,7 @@ class World:
         """
         ranges = as_array("scan", scan, (self.scanner.beams,))
         check_numbers(speed=speed, yaw_rate=yaw_rate)
+        self.reading, self.tracks = Reading(ranges, float(speed), float(yaw_rate), lane), []
         self.speed = float(speed) if math.isfinite(speed) else self.speed
         yaw_rate = float(yaw_rate) if math.isfinite(yaw_rate) else 0.0
         if self.lanes is not None:
@@ -269,7 +274,8 @@ class World:
         remembered = set(self.obstacles.number.tolist())
         self._rears = {n: rear for n, rear in self._rears.items() if n in remembered}
         wide = before.where(before.kind != Kind.PERSON)
-        for track in self._tracker.update(points, speed, yaw_rate):
+        self.tracks = self._tracker.update(points, speed, yaw_rate)
+        for track in self.tracks:
             rows = slice(track.first, track.last + 1)
             number[rows] = track.number
             if self._is_person(track, points, wide):
