@@ -38,6 +38,7 @@ from shield import (
     TriggerConfig,
     World,
 )
+from shield.vehicle import yaw_rate_between
 
 __all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
 
@@ -224,7 +225,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """Estimate, weigh the risk and ask the expert, all from sensors."""
         scan = observation["lidar"].astype(np.float64)
         speed = float(observation["speed"][0])
-        yaw_rate = speed * float(np.tan(self._previous[0])) / self.limits.wheelbase
+        before = info.get("previous_command", self._previous)
+        ends, wheelbase = (before[0], self._previous[0]), self.limits.wheelbase
+        yaw_rate = yaw_rate_between(*ends, speed, wheelbase)
         self._distance = self._clearance.update(scan, speed)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
         if isinstance(self.supervision.safety_filter, PredictiveFilter):

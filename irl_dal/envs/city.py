@@ -28,6 +28,7 @@ from irl_dal.envs.traffic import DENSITY, Traffic
 from irl_dal.envs.vehicle import Vehicle
 from irl_dal.envs.world import World
 from shield import ActuatorLimits, LaneMeasurement
+from shield.vehicle import yaw_rate_between
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,6 +159,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         self._vehicle.place(x, y, yaw, config.initial_speed)
         self._time = 0.0
         self._command: Array = np.array([0.0, config.initial_speed])
+        self._before = self._command
         self._lag = ActuatorLag(config.faults.actuator_lag, self.limits.dt, self._command)
         scanner = config.scanner
         self._faults = SensorFaults(config.faults, self.limits.dt, scanner, faults)
@@ -190,7 +192,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         if self._episode is None:
             raise gymnasium.error.ResetNeeded("Call `reset` before `step` or `execute`.")
         dt = self.limits.dt
-        before = self._command
+        self._before = self._command
         self._command = np.array(command, dtype=np.float64)
         self._episode.steps.append((self._command, self.camera_on))
         self._traffic.step(dt, self._at, self._state.speed)
@@ -209,7 +211,7 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
             "off_road": not -HALF_WIDTH <= self._at.d <= self._at.left_edge,
         }
         ends["success"] = self._at.s >= self._road.length and not any(ends.values())
-        terms = self._reward_terms(float(self._command[0] - before[0]) / dt, **ends)
+        terms = self._reward_terms(float(self._command[0] - self._before[0]) / dt, **ends)
         terminated = any(ends.values())
         truncated = not terminated and self._time >= self.config.time_limit - 0.5 * dt
         observation = self._observe()
@@ -284,7 +286,8 @@ class CityEnv(gymnasium.Env[Observation, NDArray[Any]]):
         )
         if config.lane_sensor == "camera":
             speed = float(observation["speed"][0])
-            yaw_rate = speed * float(np.tan(self._command[0])) / self.limits.wheelbase
+            ends, wheelbase = (self._before[0], self._command[0]), self.limits.wheelbase
+            yaw_rate = yaw_rate_between(*ends, speed, wheelbase)
             self._lane = self._lane_camera.measure(observation["image"], speed, yaw_rate)
         else:
             self._lanes.append(self._lane_sensor.measure(self._state, self._at, rng))

@@ -9,6 +9,9 @@ r"""Lane pose and shape from the camera image, by classical means.
 
    over the offset, the heading error, the curvature and its rate. The yellow line alone comes
    first; then white pixels near one of our own direction's white lines help.
+   Points of the lines that were seen before and have gone out of view, beside the car and under
+   it, are moved on with it and take part: without them the pose would be extrapolated from the
+   nearest pixels, five metres ahead.
 4. The inverse of the normal matrix is the covariance. Too few pixels, too large a deviation or a
    poor fit: no measurement.
 
@@ -69,13 +72,22 @@ PARABOLA_PRIOR, PARABOLA_WIDTHS = np.diag([1e-6, 1.0, 400.0]), (3.0, 1.5, 0.8)
 GREY_ASIDE, GREY_FAR = 2.0, 14.0  # Ground that gives the road's grey, to both sides and ahead [m]
 MIN_GREEN = 0.6  # Least ratio of green to red of yellow paint: red and orange have less
 LEVEL = 1e-6  # Sight lines flatter than this meet no ground
-ALONG = np.arange(-2.0, FAR + 4.0, 1.0)  # Stations at which a clothoid is integrated [m]
+BEHIND = 3.0  # How far behind the rear axle passed points still take part [m]
+ALONG = np.arange(-BEHIND - 1.0, FAR + 4.0, 1.0)  # Stations at which a clothoid is integrated [m]
+HERE = int(np.flatnonzero(ALONG == 0.0)[0])
+# Points are remembered every so often [m], so many at a time, from so far ahead of the camera [m]
+KEEP_EVERY, KEEP, KEEP_FROM = 1.0, 12, 8.0
+DRIFT = 0.02  # Of odometry: deviation of a passed point per metre driven since it was seen
 
 
 @dataclass(frozen=True, slots=True)
 class _Sighting:
-    """Ground points (n, 3) of lines at offsets (n,) with deviations (n,), placed along a guess."""
+    """Ground points (n, 3) of lines at offsets (n,) with deviations (n,), placed along a guess.
 
+    The first `seen` of them are in view.
+    """
+
+    seen: int
     points: Array
     lines: Array
     sigma: Array
@@ -85,12 +97,20 @@ class _Sighting:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A clothoid (d, psi, kappa, kappa') of the yellow line; pixels for and against it."""
+    """A clothoid (d, psi, kappa, kappa') of the yellow line; pixels for and against it.
+
+    Those for it are points (n, 4): x, y, deviation, offset of their line [m].
+    """
 
     x: Array
     covariance: Array
-    support: int
+    supporters: Array
     strays: int
+
+    @property
+    def support(self) -> int:
+        """Number of pixels for it."""
+        return len(self.supporters)
 
 
 class LaneCamera:
@@ -112,6 +132,8 @@ class LaneCamera:
     def reset(self) -> None:
         """Forget the last episode."""
         self._last: Array | None = None
+        self._passed: Array = np.zeros((0, 5))  # As `_Fit.supporters`, and the way driven since
+        self._driven = KEEP_EVERY
         self._age = math.inf
         self._image: NDArray[np.uint8] | None = None
 
@@ -133,6 +155,7 @@ class LaneCamera:
         if std[0] > MAX_OFFSET_STD or std[1] > MAX_HEADING_STD:
             return None
         self._last = fit.x
+        self._remember(fit.supporters)
         if yellow:
             self._age = 0.0
         return _home_lane(fit.x, float(std[0]), float(std[1]))
@@ -141,14 +164,30 @@ class LaneCamera:
         """Move the last fit with the car."""
         self._age += self._dt
         if self._last is None or self._age > MAX_COAST:
-            self._last = None
+            self._last, self._passed = None, self._passed[:0]
             return
         d, psi, bend, rate = self._last
         way = speed * self._dt
         along = way / max(MIN_STRETCH, 1.0 - bend * d)
         turn = yaw_rate * self._dt
+        self._driven += abs(way)
+        x = self._passed[:, 0] - way * math.cos(0.5 * turn)
+        y = self._passed[:, 1] - way * math.sin(0.5 * turn)
+        cos, sin = math.cos(turn), math.sin(turn)
+        self._passed[:, 0], self._passed[:, 1] = cos * x + sin * y, cos * y - sin * x
+        self._passed[:, 4] += abs(way)
+        self._passed = self._passed[self._passed[:, 0] > -BEHIND]
         offset = d + way * math.sin(psi + 0.5 * turn)
         self._last = np.array([offset, psi + turn - bend * along, bend + rate * along, rate])
+
+    def _remember(self, points: Array) -> None:
+        """Keep some of the points (n, 4) that are in view, for when they have gone out of it."""
+        if self._driven < KEEP_EVERY:
+            return
+        self._driven = 0.0
+        near = points[points[:, 0] < Camera.FORWARD + KEEP_FROM]
+        kept = np.insert(near[:: 1 + len(near) // KEEP], 4, 0.0, axis=1)
+        self._passed = np.concatenate([self._passed, kept])
 
     def _find(self, image: NDArray[np.uint8]) -> tuple[_Fit, bool] | None:
         """Fit the lines of an image, and whether the yellow one took part."""
@@ -182,15 +221,15 @@ class LaneCamera:
 
     def _fit(self, yellow: Array, white: Array, start: Array | None) -> tuple[_Fit, bool] | None:
         if start is not None and len(yellow) >= MIN_YELLOW:
-            joint = self._solve(_associate(yellow, white, start), 2)
+            joint = self._solve(self._associate(yellow, white, start), 2)
             if joint.strays <= MAX_STRAYS * (joint.support + joint.strays):
                 return joint, True
         fit = self._fit_yellow(yellow, start) if len(yellow) >= MIN_YELLOW else None
         guess = start if fit is None else fit.x
         if guess is None:
             return None
-        sighting = _associate(yellow if fit is not None else yellow[:0], white, guess)
-        if len(sighting.points) < (MIN_WHITE if fit is None else MIN_YELLOW):
+        sighting = self._associate(yellow if fit is not None else yellow[:0], white, guess)
+        if sighting.seen < (MIN_WHITE if fit is None else MIN_YELLOW):
             return None
         joint = self._solve(sighting, 4)
         if joint.support < joint.strays:
@@ -203,7 +242,7 @@ class LaneCamera:
         for guess in (start, _parabola(yellow)):
             if guess is None:
                 continue
-            fit = self._solve(_associate(yellow, none, guess), 3)
+            fit = self._solve(self._associate(yellow, none, guess), 3)
             if fit.support >= max(MIN_YELLOW, MIN_SUPPORT * len(yellow)):
                 return fit
         return None
@@ -218,13 +257,46 @@ class LaneCamera:
             residual = d - sighting.lines
             width = 3.0 * sigma + WIDTHS[min(k + max(3 - rounds, 0), 2)]
             weight = np.maximum(1.0 - (residual / width) ** 2, 0.0) ** 2 / sigma**2
-            weight *= s > -1.0
+            weight *= s > -BEHIND
             weighted = weight[:, None] * jacobian
             inverse = np.linalg.inv(jacobian.T @ weighted + np.diag(prior))
             x = x - inverse @ (residual @ weighted + prior * (x - centre))
             x[2:] = np.clip(x[2:], -STEEPEST, STEEPEST)
-        support = int((np.abs(residual) < 3.0 * sigma + INLIER).sum())
-        return _Fit(x, np.asarray(INFLATION * inverse), support, len(residual) - support)
+        supports = (np.abs(residual) < 3.0 * sigma + INLIER)[: sighting.seen]
+        points = sighting.points[: sighting.seen][supports, :2]
+        about = np.stack([sigma, sighting.lines], axis=1)[: sighting.seen][supports]
+        supporters = np.concatenate([points, about], axis=1)
+        return _Fit(x, np.asarray(INFLATION * inverse), supporters, int((~supports).sum()))
+
+    def _associate(self, yellow: Array, white: Array, x: Array) -> _Sighting:
+        """Yellow pixels (n, 3), those white ones (m, 3) near a white line of `x`, passed points."""
+        seen = np.concatenate([yellow, white])
+        passed = self._passed[_out_of_view(self._passed)]
+        points = np.concatenate([seen, passed[:, :3]])
+        s, d, jacobian = _coordinates(points, x)
+        lines = np.concatenate([np.zeros(len(seen)), passed[:, 3]])
+        sigma = np.concatenate(
+            [np.hypot(SIGMA_YELLOW, seen[:, 2]), np.hypot(passed[:, 2], DRIFT * passed[:, 4])]
+        )
+        whites = slice(len(yellow), len(seen))
+        apart = d[whites, None] - WHITE_LINES
+        which = np.argmin(np.abs(apart), axis=1)
+        lines[whites] = WHITE_LINES[which]
+        sigma[whites] = np.hypot(SIGMA_WHITE, white[:, 2])
+        keep = np.ones(len(points), np.bool_)
+        keep[whites] = np.abs(d - lines)[whites] < GATE
+        placed = (s[keep], d[keep], jacobian[keep])
+        return _Sighting(
+            int(keep[: len(seen)].sum()), points[keep], lines[keep], sigma[keep], x, placed
+        )
+
+
+def _out_of_view(points: Array) -> Mask:
+    """Which ground points (n, 2 or more) the camera does not see, to its sides and below it."""
+    ahead, half = points[:, 0] - Camera.FORWARD, math.radians(0.5 * Camera.FIELD_OF_VIEW)
+    nearest = (Camera.HEIGHT - PAINT) / math.tan(half + Camera.PITCH)
+    depth = math.cos(Camera.PITCH) * ahead + math.sin(Camera.PITCH) * Camera.HEIGHT
+    return np.asarray((ahead < nearest) | (np.abs(points[:, 1]) > math.tan(half) * depth))
 
 
 def _ground(size: int) -> tuple[Array, Mask]:
@@ -266,8 +338,8 @@ def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
     cos, sin = np.cos(heading), np.sin(heading)
     way_x = np.concatenate([[0.0], np.cumsum(0.5 * (cos[1:] + cos[:-1]))])
     way_y = np.concatenate([[0.0], np.cumsum(0.5 * (sin[1:] + sin[:-1]))])
-    way_x += -offset * math.sin(psi) - way_x[2]
-    way_y += -offset * math.cos(psi) - way_y[2]
+    way_x += -offset * math.sin(psi) - way_x[HERE]
+    way_y += -offset * math.cos(psi) - way_y[HERE]
     px, py = points[:, 0], points[:, 1]
     s = np.interp(px, np.maximum.accumulate(way_x), ALONG)
     for _ in range(2):
@@ -286,23 +358,6 @@ def _coordinates(points: Array, x: Array) -> tuple[Array, Array, Array]:
     jacobian[:, 2] = -0.5 * s * s
     jacobian[:, 3] = s * jacobian[:, 2] / 3.0
     return s, d, jacobian
-
-
-def _associate(yellow: Array, white: Array, x: Array) -> _Sighting:
-    """Yellow pixels (n, 3) and those white ones (m, 3) that lie near a white line of `x` (4,)."""
-    points = np.concatenate([yellow, white])
-    s, d, jacobian = _coordinates(points, x)
-    lines = np.zeros(len(points))
-    sigma = np.hypot(SIGMA_YELLOW, points[:, 2])
-    first = len(yellow)
-    apart = d[first:, None] - WHITE_LINES
-    which = np.argmin(np.abs(apart), axis=1)
-    lines[first:] = WHITE_LINES[which]
-    sigma[first:] = np.hypot(SIGMA_WHITE, white[:, 2])
-    keep = np.abs(d - lines) < GATE
-    keep[:first] = True
-    placed = (s[keep], d[keep], jacobian[keep])
-    return _Sighting(points[keep], lines[keep], sigma[keep], x, placed)
 
 
 def _shifted(y: Array, way: float) -> NDArray[np.int64]:

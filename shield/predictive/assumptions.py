@@ -25,9 +25,8 @@ class Assumptions:
         steering_lag: Delay with which the wheels follow the steering [s] (A6).
         understeer: K in yaw rate = v tan δ / (L (1 + K v²)) [s²/m²] (A6).
         tracking_error: Distance from the predicted path [m] (A6).
-        lane_sigmas: Error of the lane estimate in its standard deviations (A9),
-        lane_preview: and where its curvature changes, that of this distance ahead [m] (A9): what is
-            seen there is extrapolated to the car, with an error of κ' d² / 2.
+        lane_sigmas, lane_error: Error of the lane estimate, in its standard deviations, and beyond
+            them, which repeated sightings do not reduce [m] (A9).
         lane_heading: Heading error up to which it holds [rad] (A9): then the lane is in view.
 
     Raises:
@@ -45,7 +44,7 @@ class Assumptions:
     understeer: float = 0.002
     tracking_error: float = 0.1
     lane_sigmas: float = 3.0
-    lane_preview: float = 14.0
+    lane_error: float = 0.2
     lane_heading: float = 0.45
 
     def __post_init__(self) -> None:

@@ -262,8 +262,7 @@ class Certification:
         """By how much the lane estimate may err at the bumper [m] (A9)."""
         corridor, assumed = self._world.corridor, self._assumptions
         assert corridor is not None
-        seen = 0.5 * assumed.lane_preview**2 * abs(corridor.lane[3])
-        return assumed.lane_sigmas * corridor.std + seen
+        return assumed.lane_sigmas * corridor.std + assumed.lane_error
 
     def _turned(self, heading: Array) -> Array:
         """By how much the nose turns out of the directions in which the lane is in view [m]."""

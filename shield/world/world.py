@@ -10,8 +10,7 @@ up to which the way was last seen free, and comes nearer with every period.
 """
 
 import math
-from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from enum import IntEnum
 
 import numpy as np
@@ -25,6 +24,7 @@ from shield.vehicle import VehicleGeometry
 from shield.world.corridor import Corridor
 from shield.world.free_space import FreeSpace
 from shield.world.reading import Reading
+from shield.world.rear import FAIR, FIRM, Rear
 
 __all__ = ["Kind", "Obstacles", "World"]
 
@@ -37,10 +37,7 @@ RUN = 0.8  # [m] between neighbours of a run of hits
 MOVER, MOVER_TIME = 0.5, 5.0  # [m] around what has moved, and [s] after that, it may move on
 VEHICLE_LENGTH = 7.0  # [m] longer clusters are walls and hedges, which stand
 PIECE = 1.0  # [m] from a new cluster to something wide that it is a piece of
-REARS = 10  # [scans] that the speed of a vehicle is fitted to: one second
-REAR_JUMP = 1.0  # [m] a rear that moves further in a scan belongs to something else
 REAR_SEEN = 0.3  # [m] ahead of the scanner up to which a rear is in view
-FIRM, FAIR = 6, 3  # sightings from which a velocity is firm, or worth something
 FIRM_ERROR, FAIR_ERROR, NEW_ERROR = 0.2, 0.6, 2.0  # [m/s] deviation of a velocity
 NEAR = 0.7  # [m] a hit this near to a remembered one, along the beam, renews it
 MISSES = 3  # scans in a row that look through a remembered hit before it is dropped
@@ -50,6 +47,7 @@ HIDDEN_TIME = 3.0  # [s] for which a hit behind something nearer is remembered
 STRAY_TIME, STANDING_STRAY_TIME, STANDING = 1.5, 4.0, 0.3
 BESIDE_TIME = 20.0  # [s] for which anything else out of the field of view is
 MEMORY_WIDTH, MEMORY_BEHIND = 12.0, 3.0  # [m] where remembered hits matter
+LOOKED_PAST = 2  # beams beside a thing that go past it, if it ends there: one may be a dropout
 COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
 MIN_RETURNS = 5  # hits in view that cannot vanish all at once
 INTRUSION_SPEED = 5.0  # [m/s] of what may enter unknown space
@@ -104,29 +102,6 @@ class Obstacles:
         )
 
 
-@dataclass(slots=True)
-class _Rear:
-    """The rear of a tracked vehicle along the lane, and the speed that follows from it.
-
-    The middle of what is seen of a standing vehicle moves as its flank comes into view; its rear
-    does not.
-    """
-
-    places: deque[float] = field(default_factory=lambda: deque(maxlen=REARS))
-    pace: float = 0.0
-    wide: bool = False  # whether it was ever seen to be wider than a person
-
-    def see(self, place: float, dt: float) -> None:
-        """Take its place along the lane [m]."""
-        if self.places and abs(place - self.places[-1] - self.pace * dt) > REAR_JUMP:
-            self.places.clear()
-            self.pace = 0.0
-        self.places.append(place)
-        if len(self.places) >= FAIR:
-            time = dt * (np.arange(len(self.places)) - 0.5 * (len(self.places) - 1))
-            self.pace = float(time @ np.array(self.places)) / float(time @ time)
-
-
 class World:
     """Obstacles, unknown space and corridor of the newest scan and of those before it.
 
@@ -169,7 +144,7 @@ class World:
         self._free.reset()
         self._movers: Array = np.zeros((0, 3))  # x, y [m] and age [s] of hits that had moved
         self.obstacles = Obstacles.none()
-        self._rears: dict[int, _Rear] = {}
+        self._rears: dict[int, Rear] = {}
         self._driven = 0.0
         self._known: Array = np.full(self.scanner.beams, LEAST_KNOWN)
         self.frontier: Array = self._place(self._known)
@@ -212,7 +187,8 @@ class World:
         new = Obstacles.none()
         if not repeated:
             points = clean.ranges[hits, None] * self._rays[hits]
-            new = self._take(points, remembered, self.speed, yaw_rate)
+            past = _looks_past(np.where(clean.working, measured, 0.0))[:, hits]
+            new = self._take(points, past, remembered, self.speed, yaw_rate)
             self._mark_movers(new)
             self._free.add(np.where(clean.working, measured, 0.0))
         self.obstacles = new.joined(self._keep(remembered, measured, doubtful))
@@ -262,8 +238,13 @@ class World:
             known.misses,
         )
 
-    def _take(self, points: Array, before: Obstacles, speed: float, yaw_rate: float) -> Obstacles:
-        """The obstacles of a scan's hits (n, 2) in the scanner's frame."""
+    def _take(
+        self, points: Array, past: Mask, before: Obstacles, speed: float, yaw_rate: float
+    ) -> Obstacles:
+        """The obstacles of a scan's hits (n, 2) in the scanner's frame.
+
+        `past` (2, n) says beside which hits, to the right and to the left, the scan looks past.
+        """
         count, road = len(points), self.corridor
         distance = speed * self._dt
         self._driven += distance if road is None else road.advance(distance)
@@ -278,13 +259,16 @@ class World:
         for track in self.tracks:
             rows = slice(track.first, track.last + 1)
             number[rows] = track.number
+            if past[0, track.first] and past[1, track.last] and track.number in self._rears:
+                # Seen as a whole: if it was wide, it was so together with something else.
+                self._rears[track.number].wide = False
             if self._is_person(track, points, wide):
                 kind[rows], error[rows] = Kind.PERSON, NEW_ERROR
                 if track.sightings >= FAIR:
                     velocity[rows] = track.velocity
                     error[rows] = FIRM_ERROR if track.sightings >= FIRM else FAIR_ERROR
                 continue
-            rear, place = self._rears.setdefault(track.number, _Rear()), float(along[rows].min())
+            rear, place = self._rears.setdefault(track.number, Rear()), float(along[rows].min())
             rear.wide |= _is_wide(track, points)
             if place > self.scanner.mount + REAR_SEEN:
                 rear.see(self._driven + place, self._dt)
@@ -311,8 +295,12 @@ class World:
         return not _near(middle[None], wide.points, PIECE)[0]
 
     def _mark_movers(self, new: Obstacles) -> None:
-        """Take hits that stand in free space for people, unless their vehicle rolls."""
-        rolls = (new.kind == Kind.VEHICLE) & (np.hypot(*new.velocity.T) > ROLLING)
+        """Take hits that stand in free space for people, unless their vehicle rolls.
+
+        Near enough to tell, a vehicle has been seen to be wide.
+        """
+        wide = [number for number, rear in self._rears.items() if rear.wide]
+        rolls = np.isin(new.number, wide) & (np.hypot(*new.velocity.T) > ROLLING)
         entered = new.points[self._free.entered(new.points) & ~rolls]
         # A run of them that is wider than a person is a vehicle whose speed is not known yet.
         moved = np.concatenate([*_narrow_runs(entered), np.zeros((0, 2))])
@@ -379,6 +367,15 @@ def _near(points: Array, others: Array, reach: float) -> Mask:
         return np.zeros(len(points), np.bool_)
     apart = points[:, None] - others
     return np.asarray((apart * apart).sum(axis=2).min(axis=1) < reach * reach)
+
+
+def _looks_past(measured: Array) -> Mask:
+    """Beside which beams (n,) [m] those to their right, and to their left, go further (2, n)."""
+    count, edge = len(measured), np.zeros(LOOKED_PAST)
+    beside = np.lib.stride_tricks.sliding_window_view(
+        np.concatenate([edge, measured, edge]), LOOKED_PAST
+    ).min(axis=1)
+    return np.stack([beside[:count], beside[-count:]]) > measured + NEAR
 
 
 def _nearby(beams: Mask) -> Mask:

@@ -176,11 +176,11 @@ def test_the_margin_for_errors_of_range_is_needed(monkeypatch: Patch) -> None:
 def test_the_margin_for_errors_of_the_lane_is_needed() -> None:
     """The lane estimate is 0.15 m off, five of its deviations."""
     faults = []
-    for sigmas in (5.0, 0.0):
+    for assumed in (Assumptions(), Assumptions(lane_sigmas=0.0, lane_error=0.0)):
         world = KinematicWorld([], speed=6.0)
         see = world.lane
         world.lane = lambda see=see: replace(see(), lateral_offset=see().lateral_offset + 0.15)  # type: ignore[method-assign,misc]
-        faults.append(run(world, constant(-0.2, 6.0), Assumptions(lane_sigmas=sigmas)).faults)
+        faults.append(run(world, constant(-0.2, 6.0), assumed).faults)
     assert faults[0] == [] and faults[1] != []
 
 

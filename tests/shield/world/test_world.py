@@ -8,7 +8,7 @@ import pytest
 
 from shield import LaneGeometry, ScannerGeometry, VehicleGeometry, World
 from shield.world import Corridor, Kind, Obstacles
-from shield.world.world import LEAST_KNOWN
+from shield.world.world import LEAST_KNOWN, Index
 from tests.shield.predictive.bodies import Array, Road, Roll, Thing, Walk
 from tests.shield.predictive.kinematic_world import KinematicWorld
 
@@ -33,6 +33,13 @@ def velocities(world: World, kind: Kind) -> Array:
     """Of the hits of a kind that are in the newest scan (n, 2) [m/s]."""
     seen = (world.obstacles.kind == kind) & (world.obstacles.age == 0.0)
     return world.obstacles.velocity[seen]
+
+
+def kinds_at(scene: KinematicWorld, world: World, thing: Thing) -> Index:
+    """Kinds of the hits of a thing, for a car that drives straight on."""
+    near = np.hypot(*(world.obstacles.points - [thing.x - scene.pose[0], thing.y]).T) < 0.5
+    assert near.any()
+    return world.obstacles.kind[near]
 
 
 def test_before_the_first_scan_all_is_unknown() -> None:
@@ -129,6 +136,26 @@ def test_a_person_who_walks_is_seen_to_walk() -> None:
     watch(scene, world, 12)
     seen = velocities(world, Kind.PERSON)
     assert len(seen) and np.abs(seen - [0.0, -1.3]).max() < 0.3
+
+
+def test_who_leaves_a_parked_car_is_a_person_again() -> None:
+    """Beside it both were one cluster, as wide as a car; what is then seen apart is narrow."""
+    parked = Thing(10.7, 3.5, 1.8, 4.5)
+    person = Thing(13.4, 1.9, 0.5, motion=Walk([(-1.6, -0.5)], hold=60))
+    scene = KinematicWorld([parked, person], speed=1.0)
+    world = world_for(scene)
+    watch(scene, world, 20)
+    assert (kinds_at(scene, world, person) == Kind.PERSON).all()
+
+
+def test_a_person_who_goes_along_a_parked_car_and_on_is_no_rolling_vehicle() -> None:
+    """A narrow piece of something wide that has moved by itself is a person."""
+    parked = Thing(15.0, 3.5, 1.8, 4.5)
+    person = Thing(14.5, 2.1, 0.5, motion=Walk([(-1.5, 0.0)], hold=60))
+    scene = KinematicWorld([parked, person], speed=1.0, rng=np.random.default_rng(0))
+    world = world_for(scene)
+    watch(scene, world, 25)
+    assert (kinds_at(scene, world, person) == Kind.PERSON).all()
 
 
 def test_people_walk_on_while_the_scanner_is_silent() -> None:
