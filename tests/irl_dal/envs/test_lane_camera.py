@@ -3,9 +3,11 @@
 import numpy as np
 import pytest
 
+from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.lane_camera import LaneCamera
 from irl_dal.envs.road import HOME_LANE
+from irl_dal.evaluation.rig import AgentSpec, Rig
 from shield import LaneMeasurement
 
 
@@ -86,3 +88,15 @@ def test_measurement_belongs_to_the_state_in_info() -> None:
         assert lane is None or lane.lateral_offset == pytest.approx(info["lateral_offset"])
     env.close()
     assert seen > 20
+
+
+def test_lines_that_have_gone_out_of_view_keep_the_pose() -> None:
+    """The car's pose is not extrapolated from the nearest pixels, five metres ahead."""
+    loop = Rig.build(RunConfig(), AgentSpec("expert")).loop
+    loop.reset(seed=51002)
+    errors = []
+    for _ in range(250):
+        *_, info = loop.step_expert()
+        errors.append(info["lane"].lateral_offset - info["lateral_offset"])
+    loop.close()
+    assert np.abs(errors).max() < 0.15
