@@ -20,7 +20,7 @@ from shield.world.world import Index, Kind, World
 
 __all__ = ["Certification"]
 
-NAMES = {Kind.STRUCTURE: "a wall", Kind.VEHICLE: "vehicle", Kind.PERSON: "person or post"}
+NAMES = dict(zip(Kind, ("a wall", "vehicle", "person or post", "what was last seen"), strict=True))
 LEAST_MARGIN = 0.1  # [m] that a car which is nearer than its margin keeps in any case
 ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
 # [m] by which corners may swing out on a detour that leads back, and how far along it; share of the

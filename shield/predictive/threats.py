@@ -54,8 +54,9 @@ class Threats:
             within = (aside > road.right - room) & (aside < road.left + room)
             near, person, along, aside = near[within], person[within], along[within], aside[within]
         if assumptions.level == "P1":
-            fast = assumptions.object_speed
-            parts = [cls._at(known, [(near, 0.0, 0.0, fast, 0.0, fast)])]
+            fast, gone = assumptions.object_speed, known.kind[near] == Kind.GONE
+            stands, moves = (near[gone], 0.0, 0.0, 0.0, 0.0, 0.0), (near[~gone], 0.0, 0.0, fast)
+            parts = [cls._at(known, [stands, (*moves, 0.0, fast)])]
         else:
             parts = [cls._people(known, near[person], assumptions)] if person.any() else []
             near, along, aside = near[~person], along[~person], aside[~person]

@@ -42,10 +42,10 @@ FIRM_ERROR, FAIR_ERROR, NEW_ERROR = 0.2, 0.6, 2.0  # [m/s] deviation of a veloci
 NEAR = 0.7  # [m] a hit this near to a remembered one, along the beam, renews it
 MISSES = 3  # scans in a row that look through a remembered hit before it is dropped
 HIDDEN_TIME = 3.0  # [s] for which a hit behind something nearer is remembered
-# [s] for which a person out of the field of view is remembered, and by a car that stands [m/s]:
-# after that they may be anywhere
+# [s] after which a person out of the field of view may be anywhere, and that of a car that stands
+# [m/s]; after which anything else may. They may as well stand where they were last seen.
 STRAY_TIME, STANDING_STRAY_TIME, STANDING = 1.5, 4.0, 0.3
-BESIDE_TIME = 20.0  # [s] for which anything else out of the field of view is
+BESIDE_TIME = 20.0
 MEMORY_WIDTH, MEMORY_BEHIND = 12.0, 3.0  # [m] where remembered hits matter
 LOOKED_PAST = 2  # beams beside a thing that go past it, if it ends there: one may be a dropout
 COVERED_BY = 2  # beams to each side, one of which has to work for a direction to be seen
@@ -60,6 +60,7 @@ class Kind(IntEnum):
     STRUCTURE = 0
     VEHICLE = 1
     PERSON = 2  # or anything as narrow: a post, a barrel
+    GONE = 3  # out of view for long: it stands where it was last seen, or has left
 
 
 @dataclass(slots=True)
@@ -254,7 +255,7 @@ class World:
         kind, number = np.full(count, int(Kind.STRUCTURE)), np.full(count, -1)
         remembered = set(self.obstacles.number.tolist())
         self._rears = {n: rear for n, rear in self._rears.items() if n in remembered}
-        wide = before.where(before.kind != Kind.PERSON)
+        wide = before.where((before.kind != Kind.PERSON) & (before.kind != Kind.GONE))
         self.tracks = self._tracker.update(points, speed, yaw_rate)
         for track in self.tracks:
             rows = slice(track.first, track.last + 1)
@@ -332,11 +333,13 @@ class World:
         hidden = in_view & ~renewed & (around[1] < distance)
         missed = in_view & ~doubted & ~renewed & ~hidden
         misses = np.where(missed, known.misses + 1, np.where(in_view & ~doubted, 0, known.misses))
-        limit = np.where(in_view & hidden, HIDDEN_TIME, BESIDE_TIME)
         stray = STRAY_TIME if abs(self.speed) > STANDING else STANDING_STRAY_TIME
-        limit = np.where(~in_view & (known.kind == Kind.PERSON), stray, limit)
+        limit = np.where(known.kind == Kind.PERSON, stray, BESIDE_TIME)
+        gone = ~in_view & (known.kind != Kind.GONE) & (known.age > limit)
+        known.points[gone] -= known.age[gone, None] * known.velocity[gone]
+        known.kind[gone], known.velocity[gone] = Kind.GONE, 0.0
         x, y = known.points.T
-        kept = ~renewed & (misses < MISSES) & (known.age < limit)
+        kept = ~renewed & (misses < MISSES) & ~(hidden & (known.age > HIDDEN_TIME))
         kept &= (x > -MEMORY_BEHIND) & (np.abs(y) < MEMORY_WIDTH)
         known.misses = misses
         return known.where(kept)

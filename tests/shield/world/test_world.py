@@ -191,6 +191,18 @@ def test_what_is_beside_the_car_is_remembered(side: float) -> None:
     assert not len(world.obstacles.points)
 
 
+def test_who_has_gone_out_of_view_may_still_stand_there() -> None:
+    """After the time in which a person could be anywhere, and however long a car stands."""
+    post = Thing(8.0, -1.6, 0.5)
+    scene = KinematicWorld([post], speed=2.0)
+    world = world_for(scene)
+    while scene.pose[0] < 5.5:
+        watch(scene, world, 1)
+    scene.speed = 0.0
+    watch(scene, world, 300)
+    assert (kinds_at(scene, world, post) == Kind.GONE).all()
+
+
 def test_unknown_space_comes_nearer_and_goes_with_the_first_scan() -> None:
     """By the car's own speed and that of what may come."""
     scene = KinematicWorld([], speed=4.0)
