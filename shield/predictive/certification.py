@@ -26,9 +26,6 @@ ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
 # [m] by which corners may swing out on a detour that leads back, and how far along it; share of the
 # lane's error up to which they may
 SWING, SWING_LENGTH, SWING_SHARE = 0.05, 1.5, 0.5
-# [m] to the edge by the bare estimate, and how far a car may drive so near to it on its way back:
-# each step is measured from the estimate of the moment, whose error could carry the car out
-AT_EDGE, LONGEST_RETURN = 0.15, 3.0
 RETURN = 0.05  # by how much less a car outside has to be so, per metre
 ROUNDING = 1e-9  # [m] that quick bounds on a distance concede
 PART = 512  # pairs of a period and a threat that are checked before motions which fail are dropped
@@ -54,7 +51,6 @@ class Certification:
     Attributes:
         threats: What a motion has to keep clear of.
         outside_now: By how much the corridor may be left at present [m], negative inside of it.
-        at_edge: Whether a corner is near the corridor's edge whatever the error.
     """
 
     def __init__(
@@ -65,9 +61,8 @@ class Certification:
         dt: float,
         braking: float,
         scanner_clearance: float,
-        strayed: float = 0.0,
     ) -> None:
-        self._scanner_clearance, self._may_return = scanner_clearance, strayed < LONGEST_RETURN
+        self._scanner_clearance = scanner_clearance
         self._world, self._assumptions, self._vehicle, self._dt = world, assumptions, vehicle, dt
         speed = abs(world.speed)
         self._room = STANDING_ROOM * vehicle.length
@@ -76,12 +71,10 @@ class Certification:
         self._margin = assumptions.range_error + assumptions.tracking_error
         corridor = world.corridor
         self.outside_now = self._turned_now = 0.0
-        self.at_edge = False
         if corridor is not None:
             offset, heading, curvature, _ = corridor.lane
             pose = np.full((1, 1), offset), np.full((1, 1), heading), np.full((1, 1), curvature)
             self.outside_now = float(self._outside(*pose)[0, 0])
-            self.at_edge = self.outside_now - self._lane_error() > -AT_EDGE
             self._turned_now = float(self._turned(pose[1])[0, 0])
 
     def check(self, motions: Motions, margin: float, *, roomy: bool = True) -> Mask:
@@ -126,8 +119,8 @@ class Certification:
         pose = motions.offset[:, :last], heading, motions.curvature[:, :last]
         swing = 0.0 if roomy else min(SWING, SWING_SHARE * self._lane_error())
         outside, turned = self._outside(*pose), self._turned(heading)
-        left = _excess(outside, self.outside_now, margin, swing, self._may_return)
-        away = _excess(turned, self._turned_now, margin, 0.0, self._may_return)
+        left = _excess(outside, self.outside_now, margin, swing)
+        away = _excess(turned, self._turned_now, margin, 0.0)
         return np.maximum(left, away)
 
     def _keep_clear(self, x: Array, y: Array, yaw: Array, margin: float) -> Mask:
@@ -282,10 +275,10 @@ class Certification:
         return np.asarray(np.maximum(left, right) + error)
 
 
-def _excess(left: Array, now: float, margin: float, swing: float, may_return: bool) -> Array:
+def _excess(left: Array, now: float, margin: float, swing: float) -> Array:
     """Worst of excesses (B, N) with a margin (B,) [m]; none for the way back from outside."""
     worst = left.max(axis=1) + 0.5 * margin
-    if not may_return or now + 0.5 * margin <= 0.0:
+    if now + 0.5 * margin <= 0.0:
         return np.asarray(worst)
     # From outside, what ends further in is the way back; a corner may swing out meanwhile.
     back = (left.max(axis=1) <= now + swing) & (left[:, -1] < now)

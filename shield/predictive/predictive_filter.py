@@ -109,7 +109,7 @@ class PredictiveFilter:
         self.world = world
         self._filter.reset(command)
         self._tail: Array = np.zeros((0, 2))
-        self._backup, self._strayed = 0, 0.0  # [m] driven at its edge
+        self._backup = 0
         self._detour.reset()
         self._monitors.reset()
 
@@ -188,20 +188,14 @@ class PredictiveFilter:
 
     def _look(self) -> Certification:
         """The checks of this step."""
-        checks = Certification(
+        return Certification(
             self.world,
             self.assumptions,
             self.geometry,
             self.limits.dt,
             self._library.braking,
             self._scanner_clearance,
-            self._strayed,
         )
-        if checks.at_edge:
-            self._strayed += abs(self.world.speed) * self.limits.dt
-        elif checks.outside_now <= 0.0:
-            self._strayed = 0.0
-        return checks
 
     def _start(self) -> Start:
         """The state that motions begin in."""
