@@ -341,6 +341,9 @@ class World:
         x, y = known.points.T
         kept = ~renewed & (misses < MISSES) & ~(hidden & (known.age > HIDDEN_TIME))
         kept &= (x > -MEMORY_BEHIND) & (np.abs(y) < MEMORY_WIDTH)
+        body = (x > -self.vehicle.rear_overhang) & (x < self.vehicle.front_bumper)
+        body &= np.abs(y) < 0.5 * self.vehicle.width
+        kept &= ~(body & (known.kind == Kind.GONE))  # the car stands there
         known.misses = misses
         return known.where(kept)
 

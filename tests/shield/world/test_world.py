@@ -201,6 +201,9 @@ def test_who_has_gone_out_of_view_may_still_stand_there() -> None:
     scene.speed = 0.0
     watch(scene, world, 300)
     assert (kinds_at(scene, world, post) == Kind.GONE).all()
+    world.obstacles.points[:] = (1.0, 0.5)  # errors of odometry: under the car nothing stands
+    watch(scene, world, 1)
+    assert not len(world.obstacles.points)
 
 
 def test_unknown_space_comes_nearer_and_goes_with_the_first_scan() -> None:
