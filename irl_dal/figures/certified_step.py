@@ -21,7 +21,7 @@ VIEW, MARGIN, PAGE = 4.6, 2.3, 5.6  # width of a view, height around it, least w
 TITLE_WIDTH = 50  # [characters] of the reason's lines
 ROAD_STEP = 0.5  # between two points of a corridor's edge [m]
 NAMES = ("wall or hedge", "vehicle", "person or post", "last seen there")  # kinds of obstacles
-KINDS = ("obstacle", "ego", "barrel", "oncoming")  # their colours
+KINDS = ("obstacle", "ego", "barrel", "muted")  # their colours
 COMMITTED, REFUSED, NOW = (PALETTE[name] for name in ("lidar", "violation", "trail"))
 REACH = "#f6d9c7"  # the colour of people, pale: where many may be it does not get darker
 
