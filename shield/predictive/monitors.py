@@ -23,8 +23,8 @@ SIGHTINGS, NEAR = 10, 15.0  # of a track, and [m] up to which its velocity is ex
 FASTER = 0.6  # [m/s] by which it may seem faster than it is
 ASIDE, AGAINST = 1.5, 1.5  # [m/s] of a vehicle: the middle of what is seen of it moves a bit
 WITHIN, APART = 0.5, 1.5  # [m] within the lanes' edges; to the next hit, or it is a piece
-ONE_SURFACE, TRIPLES = 0.3, 20  # [m] between neighbouring ranges; of them the noise is known
-NOISE = 1.5  # deviations of a range within `range_error`: below 2 it is too noisy for certain
+ONE_SURFACE, TRIPLES = 0.6, 20  # [m] between neighbouring ranges; of them the noise is known
+NOISE = 1.5  # deviations within `range_error`: with three it holds, with so few certainly not
 ROW = 2  # periods in a row in which the car does not do as it is told
 SLOWER = 0.15  # [m/s] by which a car that brakes may be faster than commanded
 TURN, TURN_SHARE = 0.1, 0.3  # [rad/s] and share by which the yaw rate may differ from the model's
@@ -107,7 +107,7 @@ class Monitors:
         steps = np.diff(np.where((ranges > 0.0) & (ranges < NEAR), ranges, np.nan))
         smooth = np.abs(steps) < ONE_SURFACE
         bends = np.abs(np.diff(steps)[smooth[1:] & smooth[:-1]])
-        # The median of |r'' | is 0.6745 √6 σ for the noise alone.
+        # The median of |r''| is 0.6745 √6 σ for noise alone.
         if len(bends) >= TRIPLES and NOISE * float(np.median(bends)) > 1.652 * error:
             yield "A3: noisier than assumed"
 
@@ -125,10 +125,11 @@ class Monitors:
         slowed = abs(last.speed) - min(self._assumed.braking, limits.max_deceleration) * dt
         slow = abs(now.speed) > max(abs(float(command[1])), slowed) + SLOWER
         self._faster = self._faster + 1 if slow else 0
-        turn = now.speed * np.tan([command[0], self._command[0]]) / limits.wheelbase
-        turn = np.append(turn, turn / (1.0 + self._assumed.understeer * now.speed**2))
-        room = TURN + TURN_SHARE * float(np.abs(turn).max())
-        off = not turn.min() - room < now.yaw_rate < turn.max() + room
+        bends = [math.tan(float(c[0])) / limits.wheelbase for c in (command, self._command)]
+        bends += [bend / (1.0 + self._assumed.understeer * now.speed**2) for bend in bends]
+        low, high = sorted((now.speed * min(bends), now.speed * max(bends)))
+        room = TURN + TURN_SHARE * max(-low, high)
+        off = not low - room < now.yaw_rate < high + room
         self._turns = self._turns + 1 if off else 0
         if self._faster >= ROW:
             yield "A6: brakes less than assumed"

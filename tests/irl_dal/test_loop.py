@@ -19,7 +19,7 @@ from gymnasium.wrappers import (
 )
 
 from expert import FSMExpert
-from irl_dal.build import build_loop, build_planner, supervision
+from irl_dal.build import build_loop, build_planner, expert_supervision, supervision
 from irl_dal.config import RunConfig
 from irl_dal.envs import CITY_ID, CityEnv
 from irl_dal.loop import ControlLoop, Supervision
@@ -68,6 +68,20 @@ def test_the_filter_stops_a_policy_that_sees_nothing(
     shield = replace(straight.shield, level="off")
     collided, _ = blind_drive(replace(straight, shield=shield))
     assert collided
+
+
+def test_the_expert_in_the_default_city_breaks_no_assumption() -> None:
+    """Monitors that cry wolf are ignored; noise beyond A3 is named from the first scans on."""
+    raised = {}
+    for noise in (0.03, 0.15):
+        config = RunConfig()
+        config = replace(config, env=replace(config.env, lidar_noise=noise))
+        loop = build_loop(config, expert_supervision(config))
+        loop.reset(seed=204)
+        raised[noise] = [loop.step_expert()[-1]["certificate"].flags for _ in range(150)]
+        loop.close()
+    assert sum(map(bool, raised[0.03])) <= 1
+    assert sum("A3: noisier than assumed" in flags for flags in raised[0.15]) > 5
 
 
 def test_a_lidar_that_repeats_its_scan_while_the_car_drives_is_lost(straight: RunConfig) -> None:
