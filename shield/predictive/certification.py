@@ -13,7 +13,7 @@ import numpy as np
 
 from shield.errors import Array, Mask
 from shield.predictive.assumptions import Assumptions
-from shield.predictive.backups import Motions
+from shield.predictive.backups import REST, Motions
 from shield.predictive.threats import Threats
 from shield.vehicle import VehicleGeometry
 from shield.world.world import Index, Kind, World
@@ -91,6 +91,8 @@ class Certification:
         if roomy:
             clear &= ~self._cramped(x[:, -1], y[:, -1], yaw[:, -1])
         certified[rows] = clear
+        if abs(self._world.speed) < REST:  # a car that stands, and goes on standing, may steer
+            certified |= (motions.commands[..., 1] == 0.0).all(axis=1)
         return certified
 
     def refusal(self, motions: Motions, margin: float, *, roomy: bool = True) -> str:

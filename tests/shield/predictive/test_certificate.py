@@ -57,6 +57,14 @@ def test_a_refusal_at_the_edge_names_the_metres_outside() -> None:
     assert record.events == []
 
 
+def test_a_car_that_stands_may_turn_its_wheels() -> None:
+    """Whatever is before it: what does not move touches nothing, and it may have to steer free."""
+    certificate = seen(KinematicWorld([Thing(5.0, 0.0, 0.5)])).filter([0.05, 0.0])
+    assert certificate.status is Status.NOMINAL
+    moving = seen(KinematicWorld([Thing(5.0, 0.0, 0.5)])).filter([0.05, 0.3])
+    assert moving.status is not Status.NOMINAL
+
+
 def test_a_nominal_that_is_not_finite_is_answered() -> None:
     """With the committed backup, and a certificate that says so."""
     shield = seen(KinematicWorld([], speed=8.0))
