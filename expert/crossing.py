@@ -6,8 +6,11 @@
 import math
 from dataclasses import dataclass
 
+import numpy as np
+
 from expert.lane_map import LaneMap
 from shield import ClusterTracker, Track
+from shield.estimation.clusters import GRAZE
 
 MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
 SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
@@ -88,7 +91,9 @@ class CrossingWatch:
             rows = slice(track.first, track.last + 1)
             s, d = float(lanes.s[rows].mean()), float(lanes.d[rows].mean())
             near = RIGHT_END - APPROACH < d < LEFT_END + APPROACH
-            if not (BEHIND < s < MAX_DISTANCE and near):
+            beside = (np.abs(lanes.s - s) < GRAZE) & (np.abs(lanes.d - d) < SEPARATION)
+            flank = track.first == track.last and np.count_nonzero(beside) > 1
+            if flank or not (BEHIND < s < MAX_DISTANCE and near):
                 continue
             judgement = self._judgements.setdefault(track.number, _Judgement(self._scans))
             judgement.seen = self._scans

@@ -19,7 +19,6 @@ class LongitudinalConfig:
 
     cruise_speed: float = 9.0  # On a free straight [m/s]
     lateral_acceleration: float = 2.0  # Comfortable in bends [m/s^2]; ISO 22179 suggests 2 to 2.5
-    acceleration: float = 1.5  # Comfortable when there is room again [m/s^2]
     deceleration: float = 2.0  # Planned when something is ahead [m/s^2]
     standoff: float = 4.0  # Distance to stop behind an obstacle [m]
     blind_speed: float = 3.0  # While the lane is not seen or the scan is unusable [m/s]

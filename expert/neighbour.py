@@ -12,7 +12,7 @@ FLANK_GAP = 1.0  # [m] gap below which the nearest point may be a flank instead 
 BESIDE_GAP = 3.0  # [m] a vehicle lost at a smaller gap is beside the car
 MAX_SPEED = 6.0  # [m/s] of a vehicle that is overtaken
 MARGIN = 1.0  # [m] behind the rear bumper when the two lanes begin to overlap
-CHANGE_TIME = 1.0  # [s] from the beginning of a lane change until the lanes overlap
+CHANGE_TIME = 0.7  # [s] from the beginning of a lane change until the lanes overlap
 
 
 class Neighbour:

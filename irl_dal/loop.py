@@ -5,11 +5,12 @@
        │                        policy ─────┴─► nominal action       planner: denoise,
        │                                              │              guide, project
        │                                              ▼                   │
-       │                                            blend ◄─ first action ┘
-       │                                              │
-       └────── actuators ◄── SHIELD ◄─────────────────┘
+       │                                            blend ◄───────────────┘
+       │                                              │ set-point
+       └── actuators ◄── SHIELD ◄── command ── set-point follower
 
-The shield is always there and always last, whatever the source of the command.
+Expert, policy and blend give set-points, which the one follower makes commands. The shield is
+always there and always last, whatever the source of the command.
 """
 
 from collections.abc import Iterator
@@ -35,6 +36,7 @@ from shield import (
     PredictiveFilter,
     RiskTrigger,
     SafetyFilter,
+    SetpointFollower,
     TriggerConfig,
     World,
 )
@@ -42,7 +44,7 @@ from shield.vehicle import yaw_rate_between
 
 __all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
 
-CREEP_SPEED = 2.0  # [m/s] least speed of a stalled car's command: walking pace, enough to get away
+CREEP_SPEED = 2.0  # [m/s] least set-point of a stalled car: walking pace, enough to get away
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
 TRANSPARENT = OrderEnforcing, PassiveEnvChecker  # wrappers of `gymnasium.make`: change nothing
 
@@ -60,13 +62,14 @@ class Supervision:
 class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any]]):
     """The city with estimation, trigger, planner, blend and shield around it.
 
-    The action given to `step` is the *nominal* one; what reaches the actuators is in `info`:
+    The action given to `step` is the *nominal* one, a set-point; what reaches the actuators is in
+    `info`:
 
     | key | meaning |
     |---|---|
     | expert, expert_action, mode | the expert's decision for the observation just returned |
     | risk, lane, clearance_estimate, context | the estimates behind that observation |
-    | nominal_action, nominal_command | what was asked for, before blending and after it |
+    | nominal_action, nominal_command | what was asked for, and the command before the shield |
     | previous_command, executed_command, executed_action | what the actuators had and got |
     | triggered, plan, blend_weight | what the planner did in this step |
     | certificate | what the shield says of this step (None without a shield) |
@@ -90,6 +93,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self.limits: ActuatorLimits = self.city.limits
         self.supervision = supervision
         self._expert = expert
+        self._follower = SetpointFollower(self.limits)
         self._scanner = self.city.config.scanner
         self._clearance = ClearanceTracker(self.limits.dt, self._scanner.max_range)
         self._lane = LaneTracker(self.limits.dt)
@@ -107,6 +111,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """
         observation, info = self.env.reset(seed=seed, options=options)
         self._previous: Array = np.array([0.0, self.city.config.initial_speed])
+        self._before = self._previous
         for part in (self._clearance, self._lane, self._trigger, self._expert, self.world):
             part.reset()
         self.restart_supervision(seed)
@@ -138,55 +143,66 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             self.supervision = own
 
     def step(self, action: NDArray[Any]) -> tuple[Observation, float, bool, bool, Info]:
-        """Drive one step from a normalised nominal action (2,)."""
+        """Drive one step from a normalised nominal action (2,), the set-point."""
         nominal = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
-        own = self.limits.to_command(nominal)
-        plan, weight, command = self._supervise(own)
-        commands = {"policy": own}
-        if plan is not None:
-            commands |= {"planner": plan.actions[0], "blend": command}
-        return self._execute(nominal, command, commands, plan, weight)
+        setpoint, planner = self.limits.to_command(nominal), self.supervision.planner
+        own = command = self.follow(setpoint)
+        plan, weight = (None, 0.0) if planner is None else self._plan(planner)
+        sources = {"policy": own}
+        if planner is not None and plan is not None:
+            command = self.follow(self._blend(planner, plan, setpoint, weight))
+            if self.supervision.safety_filter is None and planner.config.projection == "none":
+                # Nothing at all keeps a plan within bounds: that is what is compared.
+                command = planner.blend.blend(plan.actions[0], own, weight)
+            sources |= {"planner": plan.actions[0], "blend": command}
+        return self._execute(nominal, command, sources, plan, weight)
 
     def step_expert(
         self, disturbance: Array | None = None
     ) -> tuple[Observation, float, bool, bool, Info]:
-        """Drive one step with the expert's own command, under the same shield.
+        """Drive one step to the expert's set-point, under the same shield.
 
-        A disturbance (2,) [rad, m/s] is added to the command, for demonstrations of recovery.
+        A disturbance (2,) [rad, m/s] is added to it, for demonstrations of recovery.
         """
-        command = self._decision.command
+        setpoint = self._decision.setpoint
         if disturbance is not None:
-            command = np.clip(command + disturbance, self.limits.low, self.limits.high)
-        return self._execute(self.limits.to_action(command), command, {"expert": command})
+            setpoint = np.clip(setpoint + disturbance, self.limits.low, self.limits.high)
+        command = self.follow(setpoint)
+        return self._execute(self.limits.to_action(setpoint), command, {"expert": command})
 
-    def _supervise(self, own: Array) -> tuple[Plan | None, float, Array]:
-        """Trigger → plan → blend: the plan, its weight and the command (2,) [rad, m/s]."""
-        planner, unshielded = self.supervision.planner, self.supervision.safety_filter is None
-        if planner is None:
-            return None, 0.0, own
-        plan, weight, command = None, 0.0, own
-        risk, always = self._risk, planner.config.activation == "always"
+    def step_command(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
+        """Drive one step with a command (2,) [rad, m/s] past planner and follower."""
+        return self._execute(self.limits.to_action(command), command, {"policy": command})
+
+    def follow(self, setpoint: Array) -> Array:
+        """The command (2,) with which the follower goes on to a set-point (2,) [rad, m/s]."""
+        return self._follower.follow(setpoint, self._previous, self._before)
+
+    def _plan(self, planner: DiffusionPlanner) -> tuple[Plan | None, float]:
+        """Trigger → plan, with its weight in the blend."""
+        risk = self._risk
         # A plan needs something to go by.
         seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
-        if always or (risk.risky and (seen or planner.config.without_lane)):
-            stalled = "stalled" in risk.reasons
-            plan = planner.plan(self._context)
-            weight = planner.blend.weight(
-                self._distance.clearance, risk.lane_deviation, stalled=stalled
-            )
-            # A plan's first action is one step away, a policy's may be many: of a far one even a
-            # small share holds the wheels at the angle where it pulls as hard as the plan turns.
-            own = planner.project_command(own, self._previous)
-            command = planner.blend.blend(plan.actions[0], own, weight)
-            if stalled and not unshielded:
-                # Plans that begin at rest may stay there; the shield stops what must not go on.
-                moving = np.array([command[0], max(command[1], CREEP_SPEED)])
-                command = planner.project_command(moving, self._previous)
-        else:
+        needed = risk.risky and (seen or planner.config.without_lane)
+        if not needed and planner.config.activation != "always":
             planner.blend.reset()
-        if unshielded:  # with a shield, this is the shield's work
-            command = planner.project_command(command, self._previous)
-        return plan, weight, command
+            return None, 0.0
+        weight = planner.blend.weight(
+            self._distance.clearance, risk.lane_deviation, stalled="stalled" in risk.reasons
+        )
+        return planner.plan(self._context), weight
+
+    def _blend(self, planner: DiffusionPlanner, plan: Plan, own: Array, weight: float) -> Array:
+        """The set-point (2,) of a plan, which is of commands, and the policy's own.
+
+        Of a plan it is the command as far ahead as the follower is late: so the plan is driven.
+        """
+        late = np.minimum(self._follower.lead, len(plan.actions)) - 1
+        setpoint = planner.blend.blend(plan.actions[late, [0, 1]], own, weight)
+        if "stalled" in self._risk.reasons:
+            # Plans that begin at rest may stay there; the shield stops what must not go on.
+            setpoint[1] = max(setpoint[1], CREEP_SPEED)
+        return setpoint
 
     def _execute(
         self,
@@ -203,6 +219,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             certificate = shield.filter(executed, plan=None if plan is None else plan.actions)
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
+        self._before = before
         observation, reward, terminated, truncated, info = self.city.execute(self._previous)
         info.update(
             nominal_action=action,
@@ -262,12 +279,11 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         }
 
     def _reference(self) -> Array | None:
-        """The expert's set-point over the horizon, slew-limited from the last command (H, 2)."""
-        planner = self.supervision.planner
+        """The commands (H, 2) that follow the expert's set-point, in training."""
+        planner, memory = self.supervision.planner, (self._previous, self._before)
         if planner is None or not self.supervision.training:
             return None
-        horizon = planner.config.horizon
-        return self._expert.approach(self._decision.setpoint, self._previous, horizon)
+        return self._follower.approach(self._decision.setpoint, *memory, planner.config.horizon)
 
 
 def _unwrapped(env: gymnasium.Env[Any, Any]) -> CityEnv:

@@ -12,6 +12,7 @@ from shield.estimation.clearance import ClearanceEstimate, ClearanceTracker
 from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.lane import LaneEstimate, LaneGeometry, LaneMeasurement, LaneTracker
 from shield.estimation.scan import ScannerGeometry
+from shield.follower import SetpointFollower
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import UNBOUNDED, Constraint, Rows
 from shield.predictive import Assumptions, PredictiveFilter
@@ -47,6 +48,7 @@ __all__ = [
     "Rows",
     "SafetyFilter",
     "ScannerGeometry",
+    "SetpointFollower",
     "ShieldError",
     "Status",
     "Track",

@@ -12,12 +12,22 @@ from rich.table import Table
 
 from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig
+from irl_dal.evaluation.metrics import METRICS, STATISTICS, Row
 from irl_dal.evaluation.rig import AgentSpec, Rig
 from irl_dal.evaluation.rollout import drive_episode
 from irl_dal.evaluation.statistics import Array
 from irl_dal.evaluation.workers import Workers
 from irl_dal.figures.table import terminal_table
-from irl_dal.loop import SOURCES, Observation
+from irl_dal.loop import Observation
+
+# Metrics of a drive's speed [m/s], jerk [m/s³] and steering rate [rad/s], and of the shield's share
+RIDE = {
+    "speed": "mean_speed",
+    "RMS jerk": "comfort_rms_jerk",
+    "harsh": "comfort_harsh_rate",
+    "steering": "comfort_rms_steering_rate",
+    "changed": "projection_active_rate",
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,13 +40,8 @@ class Drive:
     measured: Array  # by the lane sensor (T + 1,) [m]; NaN without a measurement
     tracked: Array  # by the tracker (T + 1,) [m]
     valid: NDArray[np.bool_]  # whether the tracker calls its estimate valid (T + 1,)
-    violations: int  # steps on which the driver's own command broke a bound before the shield
     commands: Array  # executed (T, 2) [rad, m/s]
-
-    @property
-    def steps(self) -> int:
-        """Number of control steps T."""
-        return len(self.commands)
+    ride: tuple[Row, ...]  # of each metric of `RIDE`
 
 
 def expert_drives(city: CityConfig, seeds: Sequence[int]) -> list[Drive]:
@@ -60,15 +65,18 @@ def drives(
 
 
 def outcome_table(title: str, groups: Mapping[str, Sequence[Drive]]) -> Table:
-    """Success and its opposites, and how often the driver's own command broke a bound."""
+    """Success and its opposites, and the ride."""
     ends = ("success", "collision", "off_road", "timeout")
     rows = []
     for name, group in groups.items():
         count = Counter(drive.outcome for drive in group)
-        violations = sum(drive.violations for drive in group) / sum(drive.steps for drive in group)
         shares = [f"{count[end] / len(group):.1%}" for end in ends]
-        rows.append([name, str(len(group)), *shares, f"{violations:.2%}"])
-    return terminal_table(title, ["", "episodes", *ends, "own violations"], rows)
+        ride = [
+            f"{STATISTICS[metric](np.array([[drive.ride[place] for drive in group]]))[0]:.3f}"
+            for place, metric in enumerate(RIDE.values())
+        ]
+        rows.append([name, str(len(group)), *shares, *ride])
+    return terminal_table(title, ["", "episodes", *ends, *RIDE], rows)
 
 
 def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
@@ -82,11 +90,11 @@ def _drive(rig: Rig, task: tuple[int, int]) -> Drive:
 
     episode = drive_episode(rig.loop, rig.agent, seed, watch, {"stretch": number})
     offset, measured, tracked, valid = np.array(rows, np.float64).T
-    own = episode.nominal_violations[:, [SOURCES.index("policy"), SOURCES.index("expert")]]
     ends = (name for name in ("success", "collision", "off_road") if getattr(episode, name))
     return Drive(
         next(ends, "timeout"), rig.loop.city.brightness, offset, measured, tracked, valid > 0.0,
-        int((own == 1).any(axis=1).sum()), episode.executed_command,
+        episode.executed_command,
+        tuple(METRICS[name](episode, rig.loop.limits) for name in RIDE.values()),
     )  # fmt: skip
 
 

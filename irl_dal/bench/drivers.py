@@ -49,15 +49,15 @@ class Held:
 
 
 def _expert(loop: ControlLoop, rng: np.random.Generator) -> Driver:
-    return lambda _, info: np.asarray(info["expert"].command)
+    return lambda _, info: loop.follow(info["expert"].setpoint)
 
 
 def _fast_expert(loop: ControlLoop, rng: np.random.Generator) -> Driver:
-    return lambda _, info: np.array([info["expert"].command[0], FAST])
+    return lambda _, info: np.array([loop.follow(info["expert"].setpoint)[0], FAST])
 
 
 def _noisy_expert(loop: ControlLoop, rng: np.random.Generator) -> Driver:
-    return lambda _, info: np.asarray(info["expert"].command + rng.normal(0.0, NOISE))
+    return lambda _, info: loop.follow(info["expert"].setpoint) + rng.normal(0.0, NOISE)
 
 
 def _random(loop: ControlLoop, rng: np.random.Generator) -> Driver:
@@ -93,7 +93,7 @@ def _at_moving(loop: ControlLoop, rng: np.random.Generator) -> Driver:
         movers = [o for o in scene.obstacles if o.bodies and (o.cruise or o.crossing)]
         places = np.array([scene.road.pose(o.s, o.d)[:2] for o in movers]).reshape(-1, 2) - (x, y)
         if not movers:
-            return np.array([info["expert"].command[0], FAST])
+            return np.array([loop.follow(info["expert"].setpoint)[0], FAST])
         nearest = places[np.argmin(np.hypot(*places.T))]
         bearing = float(np.arctan2(nearest[1], nearest[0])) - yaw
         return np.array([np.arctan2(np.sin(bearing), np.cos(bearing)), BRISK])
@@ -117,7 +117,8 @@ def _oncoming(loop: ControlLoop, rng: np.random.Generator) -> Driver:
 def _brake_accelerate(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     speeds = itertools.cycle((FAST, 0.0))
     pedals = Held(lambda: np.array([0.0, next(speeds)]), loop, rng, 2.0, 2.0)
-    return lambda seen, info: np.array([info["expert"].command[0], pedals(seen, info)[1]])
+    expert = _expert(loop, rng)
+    return lambda seen, info: np.array([expert(seen, info)[0], pedals(seen, info)[1]])
 
 
 def _untrained(loop: ControlLoop, rng: np.random.Generator) -> Driver:

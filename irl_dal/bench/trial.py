@@ -58,7 +58,7 @@ def drive(loop: ControlLoop, driver: Driver, seed: int, stretch: int = 0) -> Tri
     reasons: deque[str] = deque(maxlen=TRACE)
     while not end:
         command = np.clip(driver(observation, info), loop.limits.low, loop.limits.high)
-        observation, _, _, _, info = loop.step(loop.limits.to_action(command))
+        observation, _, _, _, info = loop.step_command(command)
         certificate, speed, fault = info["certificate"], info["speed"], info["fault"]
         standing = standing + 1 if abs(speed) < STANDS else 0
         clearance = np.inf if standing else info["clearance"]

@@ -45,14 +45,14 @@ class PolicyAgent(Agent):
 
 
 class ExpertAgent(Agent):
-    """The expert itself; its action is its set-point, what it executes is slew-limited."""
+    """The expert itself; its action is its set-point."""
 
     def act(self, observation: Observation, info: Mapping[str, Any]) -> Array:
         """The expert's label for this observation (2,)."""
         return np.asarray(info["expert_action"], np.float64)
 
     def drive(self, loop: ControlLoop, action: Array) -> StepResult:
-        """With the expert's own command."""
+        """With the expert's own set-point."""
         return loop.step_expert()
 
 

@@ -84,7 +84,6 @@ class DiffusionPlanner:
         self._sampler = config.make_sampler()
         allowed = SIMULATED_TIME_DEADLINE if config.deadline is None else 0.5 * config.deadline
         self._projector = HorizonProjector(limits, config.horizon, solver=solver, deadline=allowed)
-        self._step_projector = HorizonProjector(limits, 1, solver=solver, deadline=allowed)
         self._fallback = FallbackPlan(limits)
         self._last_first: Array | None = None
         self._network: FastDenoiser | None = None
@@ -100,8 +99,8 @@ class DiffusionPlanner:
         """
         if self._network is not None and not self._network.is_current():
             self._network = None
-        for part in (self._fallback, self._projector, self._step_projector):
-            part.reset()
+        self._fallback.reset()
+        self._projector.reset()
         self._last_first = None
         self.blend.reset()
 
@@ -162,18 +161,6 @@ class DiffusionPlanner:
         if not (np.isfinite(projected.actions).all() and np.isfinite(projected.nominal).all()):
             return self._fall_back(context, "sample", "the sample is not finite", begin)
         return self._select(energy, energy_before, projected, begin)
-
-    def project_command(self, command: Array, previous: Array) -> Array:
-        """The nearest command (2,) within one step's bounds, in a mode that ends in a projection.
-
-        A blend of an admissible and an inadmissible command is inadmissible, and the further the
-        second is away, the less the first matters: such a mode blends the plan with what the policy
-        could do in the same step. Without a shield everything executed is projected, so that the
-        next plan starts from an admissible command. Mode `none` leaves commands as they are.
-        """
-        if self.config.projection == "none":
-            return command
-        return self._step_projector.project(command[None], previous).actions[0].copy()
 
     def _sample(
         self, context: PlanningContext, stages: tuple[Refinement, ...], begin: float

@@ -15,7 +15,10 @@ from numpy.typing import NDArray
 
 from shield.errors import Array, InvalidProblem, as_array, check_numbers, check_positive
 
-__all__ = ["ClusterTracker", "Track"]
+__all__ = ["GRAZE", "ClusterTracker", "Track"]
+
+GRAZE = 4.5  # [m] to something wide within which a single hit is its flank: beams along it hit it
+# metres apart, while a pedestrian so near that it matters is two beams wide
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,5 +1,7 @@
 """Pedestrians are told from barrels and cars, and the expert lets them cross."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -71,6 +73,45 @@ def test_the_expert_stops_and_does_not_swerve() -> None:
         assert abs(decision.setpoint[0]) < 0.02
         speeds.append(decision.setpoint[1])
     assert speeds[-1] < 2.5 < speeds[5]
+
+
+@pytest.mark.parametrize(("rear", "people"), [(True, 0), (False, 1)])
+def test_a_single_hit_on_a_flank_is_no_pedestrian(rear: bool, people: int) -> None:
+    """Behind the rear of a car it is its flank; alone, where no barrel stands, a pedestrian."""
+    watcher = CrossingWatch(0.1, SCANNER.mount)
+    passing = replace(LANE, lateral_offset=3.4)
+    scan = scan_of(8.0, -3.1, 1.8) if rear else np.full(180, 40.0)
+    beam = int(np.argmin(np.abs(ANGLES - np.arctan2(-2.0, 11.0))))
+    scan[beam] = np.hypot(2.0, 11.0)
+    for _ in range(6):
+        seen = watcher.update(LaneMap.build(scan, passing, SCANNER), 0.0, 0.0)
+    assert len(seen) == people
+
+
+@pytest.mark.parametrize(
+    ("person", "mode"), [(True, Mode.LANE_FOLLOWING), (False, Mode.OBSTACLE_AVOIDANCE)]
+)
+def test_a_lane_with_a_pedestrian_in_it_is_not_free(person: bool, mode: Mode) -> None:
+    """The expert stays behind."""
+    expert, rng = FSMExpert(ExpertConfig(), ActuatorLimits()), np.random.default_rng(0)
+    scan = scan_of(25.0, 0.0, 1.8)
+    if person:
+        scan = np.minimum(scan, scan_of(10.0, 3.3, 0.6))
+    for _ in range(8):
+        noisy = np.where(scan < 40.0, scan + 0.02 * rng.normal(size=180), scan)
+        decision = expert.act(noisy, LANE, 5.0, np.array([0.0, 5.0]))
+    assert decision.mode is mode
+
+
+def test_what_is_overtaken_is_not_gone_back_to() -> None:
+    """One gap decides about both, so that the mode does not go to and fro."""
+    expert, rng, modes = FSMExpert(ExpertConfig(), ActuatorLimits()), np.random.default_rng(0), []
+    for step in range(20):
+        scan = scan_of(26.0, -3.5 if step else 0.0, 1.8)
+        noisy = np.where(scan < 40.0, scan + 0.02 * rng.normal(size=180), scan)
+        lane = replace(LANE, lateral_offset=3.5 if step else 0.0)
+        modes.append(expert.act(noisy, lane, 5.0, np.array([0.0, 5.0])).mode)
+    assert modes == [Mode.OBSTACLE_AVOIDANCE] + [Mode.DRIVING_STRAIGHT] * 19
 
 
 def test_judgements_of_lost_tracks_are_forgotten() -> None:

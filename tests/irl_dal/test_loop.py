@@ -103,12 +103,19 @@ def test_without_the_shield_nothing_is_certified(straight: RunConfig) -> None:
     assert collided
 
 
-@pytest.mark.parametrize("activation", ["trigger", "always"])
-@pytest.mark.parametrize(("projection", "kept"), [("final", True), ("x0", True), ("none", False)])
-def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
+@pytest.mark.parametrize(
+    ("activation", "projection", "kept"),
+    [
+        ("trigger", "final", True),
+        ("always", "final", True),
+        ("always", "x0", True),
+        ("always", "none", False),
+    ],
+)
+def test_only_unprojected_plans_break_the_bounds_without_a_shield(
     straight: RunConfig, activation: Activation, projection: ProjectionMode, kept: bool
 ) -> None:
-    """However the policy jumps; a planner that projects nothing lets its jumps through."""
+    """However the policy jumps: its set-points are followed within them."""
     config = replace(
         straight,
         shield=replace(straight.shield, enabled=False),
@@ -131,25 +138,49 @@ def test_a_mode_that_ends_in_a_projection_keeps_the_bounds_without_a_shield(
     assert (violations == 0) == kept
 
 
-@pytest.mark.parametrize(("projection", "reachable"), [("final", True), ("none", False)])
-def test_a_plan_is_blended_with_what_the_policy_could_do_in_the_same_step(
-    straight: RunConfig, projection: ProjectionMode, reachable: bool
+@pytest.mark.parametrize("projection", ["final", "none"])
+def test_a_blend_is_followed_like_any_set_point(
+    straight: RunConfig, projection: ProjectionMode
 ) -> None:
-    """Else a far wish outweighs a plan that may move one step; unprojected plans are far, too."""
+    """Within the follower's limits, however far policy and unprojected plan lie."""
     config = replace(
         straight,
         planner=replace(straight.planner, enabled=True, activation="always", projection=projection),
     )
     loop = build_loop(config, supervision(config, build_planner(config)))
     loop.reset(seed=0)
-    low, high = -loop.limits.max_decrease - 1e-9, loop.limits.max_increase + 1e-9
-    moves = []
+    turns = []
     for turn in [1.0] * 10 + [-1.0] * 10:
         info = loop.step(np.array([turn, 0.0]))[-1]
         assert 0.0 < info["blend_weight"] < 1.0
-        moves.append(info["nominal_command"] - info["previous_command"])
+        assert not loop.limits.violated(info["nominal_command"], info["previous_command"])
+        turns.append(info["nominal_command"][0] - info["previous_command"][0])
     loop.close()
-    assert bool(((moves >= low) & (moves <= high)).all()) == reachable
+    assert np.ptp(turns) > 0.0
+
+
+def test_a_plan_that_is_a_ramp_is_driven_as_it_is(
+    straight: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The follower is late by what the loop looks ahead in the plan."""
+    config = replace(straight, planner=replace(straight.planner, enabled=True, activation="always"))
+    planner = build_planner(config)
+    assert planner is not None
+    loop = build_loop(config, supervision(config, planner))
+    monkeypatch.setattr(planner.blend, "weight", lambda *_, **__: 1.0)
+    real, slope = planner.plan, np.array([0.002, 0.1])
+    monkeypatch.setattr(
+        planner,
+        "plan",
+        lambda context: replace(
+            real(context), actions=context.previous + slope * np.arange(1, 9)[:, None]
+        ),
+    )
+    loop.reset(seed=0)
+    infos = [loop.step(np.zeros(2))[-1] for _ in range(12)]
+    loop.close()
+    change = infos[-1]["nominal_command"] - infos[-1]["previous_command"]
+    assert change == pytest.approx(slope, rel=0.15)
 
 
 def test_a_planner_that_sees_no_lane_is_not_asked(

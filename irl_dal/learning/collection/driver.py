@@ -153,7 +153,6 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
             plan_fallbacks=int(plan is not None and plan.status is Status.FALLBACK),
             shield_corrections=int(certificate is not None and certificate.intervened),
             command_violations=int(self.loop.limits.violated(*commands)),
-            policy_violations=int(info["nominal_violations"].get("policy", False)),
             reward=reward,
             disagreement=disagreement,
         )

@@ -34,7 +34,6 @@ class Counts:
     plan_fallbacks: int = 0
     shield_corrections: int = 0  # steps on which the shield changed the command
     command_violations: int = 0  # executed commands beyond a bound: stays 0 with the shield
-    policy_violations: int = 0  # steps whose own command of the policy would have broken a bound
     reward: float = 0.0  # sum of the environment reward
     disagreement: float = 0.0  # sum of mean abs(policy's own action - label) / 2, its own steps
 

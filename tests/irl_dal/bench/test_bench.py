@@ -25,7 +25,7 @@ def test_lane_numbers_are_those_of_the_errors() -> None:
     assert numbers["RMSE after tracking [m]"] == pytest.approx(np.sqrt(np.mean(error**2)))
     assert numbers["confidently wrong"] == pytest.approx(drive.valid[:3].sum() / len(drive.valid))
     assert numbers["steps with a measurement"] == pytest.approx(np.isfinite(drive.measured).mean())
-    assert drive.outcome == "success" and drive.steps == len(drive.offset) - 1
+    assert drive.outcome == "success" and len(drive.commands) == len(drive.offset) - 1
 
 
 def test_speed_is_positive_and_peers_are_named(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -52,11 +52,11 @@ def test_the_car_is_nearly_a_bicycle() -> None:
 def test_commands_print_tables(
     capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """`lane` shows errors, validity and the expert's own violations."""
+    """`lane` shows errors, validity and the ride."""
     monkeypatch.setattr("irl_dal.bench.__main__._city", lambda _: SHORT)
     main(["lane", "--episodes", "1", "--jobs", "1", "--first-seed", "3"])
     text = capsys.readouterr().out
-    for words in ("RMSE after tracking", "valid estimate", "confidently wrong", "own violations"):
+    for words in ("RMSE after tracking", "valid estimate", "confidently wrong", "RMS jerk"):
         assert words in text
 
 

@@ -32,15 +32,15 @@ def test_random_actions_repeat_with_the_seed() -> None:
     assert np.abs(drawn[0]).max() <= 1.0
 
 
-def test_the_expert_answers_with_its_label_and_drives_its_command() -> None:
-    """What is compared is the set-point, what is executed the slew-limited command."""
+def test_the_expert_answers_with_its_label_and_drives_to_it() -> None:
+    """What is compared is the set-point, what is executed what the follower makes of it."""
     rig = small_rig("expert")
     try:
         observation, info = rig.loop.reset(seed=1)
         agent = ExpertAgent()
         action = agent.act(observation, info)
         np.testing.assert_array_equal(action, info["expert_action"])
-        command = info["expert"].command
+        command = rig.loop.follow(info["expert"].setpoint)
         after = agent.drive(rig.loop, action)[-1]
         np.testing.assert_array_equal(after["nominal_command"], command)
     finally:

@@ -167,25 +167,38 @@ def test_shield_and_planner_rates() -> None:
 
 def test_comfort_of_a_known_drive() -> None:
     """Jerk, lateral acceleration and steering rate of a drive with known derivatives."""
-    dt, steps = LIMITS.dt, 50
+    dt, steps = LIMITS.dt, 400
     time = dt * np.arange(steps + 1)
     jerk, turn = 0.7, 0.2
     pose = np.zeros((steps + 1, 3))
     pose[:, 2] = np.angle(np.exp(1j * (3.0 + turn * time)))  # crosses pi
     previous = np.zeros((steps, 2))
     executed = previous + [0.03, 0.0]
+    speed = 5.0 + 0.5 * jerk * time**2
     episode = written_episode(
-        steps,
-        pose=pose,
-        speed=5.0 + 0.5 * jerk * time**2,
-        previous_command=previous,
-        executed_command=executed,
+        steps, pose=pose, speed=speed, previous_command=previous, executed_command=executed
     )
     numbers = report(episode)
-    assert numbers["comfort_rms_jerk"] == pytest.approx(jerk, rel=1e-6)
+    sideways = turn * jerk * time[1:-1]
+    size = np.sqrt(np.mean(jerk**2 + sideways**2))
+    assert numbers["comfort_rms_jerk"] == pytest.approx(size, rel=0.01)
+    assert numbers["comfort_harsh_rate"] == pytest.approx(0.0, abs=0.01)
+    assert numbers["mean_speed"] == pytest.approx(speed[1:].mean())
     fastest = 5.0 + 0.25 * jerk * (time[-1] ** 2 + time[-2] ** 2)
     assert numbers["comfort_max_lateral_acceleration"] == pytest.approx(turn * fastest, rel=1e-9)
     assert numbers["comfort_rms_steering_rate"] == pytest.approx(0.3)
+
+
+@pytest.mark.parametrize(("frequency", "passes"), [(0.3, 0.99), (2.0, 0.5), (4.5, 0.02)])
+def test_jerk_counts_up_to_its_bandwidth(frequency: float, passes: float) -> None:
+    """A swing of the acceleration passes whole, by half at 2 Hz, and not where sampling ends."""
+    dt, steps, swing = LIMITS.dt, 600, 2.0
+    time = dt * (np.arange(steps) + 0.5)
+    acceleration = swing * np.sin(2.0 * np.pi * frequency * time)
+    speed = 8.0 + np.concatenate([[0.0], np.cumsum(acceleration * dt)])
+    numbers = report(written_episode(steps, speed=speed))
+    whole = np.sqrt(np.mean(np.square(np.diff(acceleration) / dt)))
+    assert numbers["comfort_rms_jerk"] == pytest.approx(passes * whole, rel=0.03, abs=0.03 * whole)
 
 
 def test_no_episodes_is_an_error() -> None:
