@@ -219,7 +219,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             certificate = shield.filter(executed, plan=None if plan is None else plan.actions)
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
-        self._before = before
+        # What the shield changed is not gone on with: the follower sets out from there.
+        led = certificate is not None and certificate.intervened
+        self._before = self._previous if led else before
         observation, reward, terminated, truncated, info = self.city.execute(self._previous)
         info.update(
             nominal_action=action,

@@ -27,6 +27,7 @@ STEERING_RISE = 0.2  # [s] in which the steering comes to the rate that this jer
 ACCELERATION, DECELERATION = 1.5, 3.0  # [m/s^2] comfortable; ISO 15622 allows 2.0 and 3.5
 JERK = 3.0  # [m/s^3] along the road; ISO 22179 allows 5 at city speeds, 2.5 at higher ones
 EMERGENCY = 3.0  # [m/s] a set-point that lies further below is braked for with all there is
+AT_REST = 0.1  # [m/s] a slower car stands
 ARRIVED = 1e-12  # [rad], [m/s] from the set-point, by rounding on either side of it
 INSIDE = 1.0 - 1e-9  # of a bound, so that rounding breaks none
 
@@ -34,8 +35,9 @@ INSIDE = 1.0 - 1e-9  # of a bound, so that rounding breaks none
 class SetpointFollower:
     """Follows set-points within G1-G3 and comfortably; brakes hard where far less speed is asked.
 
-    Its only state is what was executed, so it goes on from where a shield has led. From a command
-    that keeps G1 and G3 every answer keeps G1-G3.
+    Its only state is what was executed, so it goes on from where a shield has led: from rest, with
+    `before` the same as `previous`, lest it goes on with the shield's turn or braking. From a
+    command that keeps G1 and G3 every answer keeps G1-G3.
     """
 
     def __init__(self, limits: ActuatorLimits) -> None:
@@ -73,15 +75,15 @@ class SetpointFollower:
         faster = speed + self._speed_change(goal - speed, speed - last_speed)
         faster = min(max(faster, limits.min_speed), limits.max_speed)
         step = limits.steering_step * INSIDE
+        if abs(speed) < AT_REST and abs(float(target[0]) - steering) > step:
+            faster = min(faster, speed)  # the wheels turn first: a wrong way on may be refused
         if self.sharpest(faster) < abs(steering) - step:
             faster = speed  # holding both is always possible
         sharpest = self.sharpest(faster)
         angle = min(max(float(target[0]), -sharpest), sharpest)
-        step = min(step, LATERAL_JERK * limits.dt * limits.wheelbase / max(faster**2, 1e-6))
-        rise = step * limits.dt / STEERING_RISE
+        comfortable = LATERAL_JERK * limits.dt * limits.wheelbase / max(faster**2, 1e-6)
+        step, rise = min(step, comfortable), comfortable * limits.dt / STEERING_RISE
         error, turn = angle - steering, steering - last_steering
-        if abs(turn) > step and turn * error < 0.0:  # a shield's turn, not to be gone on with
-            turn = 0.0
         turn = advance(error, turn, (step, step), rise, self._poles[0])
         return np.array([min(max(steering + turn, -sharpest), sharpest), faster])
 

@@ -23,7 +23,7 @@ from irl_dal.loop import Observation
 # Metrics of a drive's speed [m/s], jerk [m/s³] and steering rate [rad/s], and of the shield's share
 RIDE = {
     "speed": "mean_speed",
-    "RMS jerk": "comfort_rms_jerk",
+    "jerk": "comfort_rms_jerk",
     "harsh": "comfort_harsh_rate",
     "steering": "comfort_rms_steering_rate",
     "changed": "projection_active_rate",

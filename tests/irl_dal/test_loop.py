@@ -24,6 +24,7 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CITY_ID, CityEnv
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import Activation, ProjectionMode
+from shield import Certificate
 
 
 @pytest.fixture
@@ -181,6 +182,31 @@ def test_a_plan_that_is_a_ramp_is_driven_as_it_is(
     loop.close()
     change = infos[-1]["nominal_command"] - infos[-1]["previous_command"]
     assert change == pytest.approx(slope, rel=0.15)
+
+
+def test_what_the_shield_does_is_not_gone_on_with(
+    straight: RunConfig, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Wheels that it turns right in every third step still come to the left, where they should."""
+    loop = build_loop(straight, supervision(straight, None))
+    shield = loop.supervision.safety_filter
+    assert shield is not None
+    real, steps = shield.filter, iter(range(100))
+
+    def interrupted(command: np.ndarray, plan: np.ndarray | None = None) -> Certificate:
+        answer = real(np.array([command[0], 0.0]), plan=plan)
+        if next(steps) % 3:
+            return answer
+        wheels = max(loop._previous[0] - loop.limits.steering_step, -0.5)
+        braked = max(loop._previous[1] - loop.limits.deceleration_step, 0.0)
+        return replace(answer, safe_action=np.array([wheels, braked]), intervened=True)
+
+    monkeypatch.setattr(shield, "filter", interrupted)
+    loop.reset(seed=0)
+    action = loop.limits.to_action(np.array([0.3, 2.0]))
+    infos = [loop.step(action)[-1] for _ in range(40)]
+    loop.close()
+    assert infos[-1]["executed_command"][0] > 0.2
 
 
 def test_a_planner_that_sees_no_lane_is_not_asked(
