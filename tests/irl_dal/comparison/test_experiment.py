@@ -40,8 +40,9 @@ def test_pure_diffusion_breaks_bounds_and_nothing_else_does(compared: Compared) 
             assert found["nominal_violation_rate_planner"] == 0.0, name
     assert compared.results["arms"]["alone-none-bare"]["command_violation_rate"] > 0.3
     assert compared.results["arms"]["alone-none-bare"]["correction_norm"] == 0.0
-    assert compared.results["arms"]["alone-none-shield"]["nominal_violation_rate"] > 0.3
-    assert compared.results["arms"]["alone-none-shield"]["correction_norm"] > 0.0
+    shielded = compared.results["arms"]["alone-none-shield"]  # its follower keeps the bounds
+    assert shielded["nominal_violation_rate_planner"] > 0.3
+    assert shielded["nominal_violation_rate"] == 0.0
     assert compared.results["arms"]["alone-x0-bare"]["command_violation_rate"] == 0.0
 
 
@@ -52,7 +53,6 @@ def test_plans_in_the_same_states(compared: Compared) -> None:
     assert states["none"]["state_plan_violation_rate"] > 0.3
     assert states["x0"]["state_plan_violation_rate"] == 0.0
     assert states["x0"]["state_plan_nominal_violation_rate"] > 0.0
-    assert states["x0"]["state_plan_energy"] < states["none"]["state_plan_energy"]
     assert states["x0"]["state_plan_energy_nominal"] < states["x0"]["state_plan_energy_unguided"]
     assert states["x0, unguided"]["state_plan_energy_unguided"] is None
     assert states["none"]["state_plan_diversity_m"] > 0.0
