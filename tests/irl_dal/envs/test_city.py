@@ -102,7 +102,7 @@ def test_driving_into_the_first_obstacle_is_a_collision(env: CityEnv) -> None:
     for _ in range(400):
         lane = info["lane_measurement"]
         if lane is not None:
-            steering = steer(lane, (0.0, 0.0, 0.0), info["speed"], steering, env.limits)
+            steering = steer(lane, 0.0, info["speed"], steering, env.limits)
         _, _, terminated, _, info = env.execute(np.array([steering, 6.0]))
         if terminated:
             collided = info["collision"]
