@@ -77,6 +77,7 @@ def test_the_small_robot_touches_nothing(capsys: pytest.CaptureFixture[str]) -> 
     assert without[2] > 5 and with_it[2] == 0 and with_it[0] > 30
 
 
+@pytest.mark.slow
 def test_on_the_racetrack_only_the_bare_driver_leaves_the_road(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
