@@ -20,7 +20,7 @@ class Rear:
 
     places: deque[float] = field(default_factory=lambda: deque(maxlen=REARS))
     pace: float = 0.0
-    wide: bool = False  # whether it was ever seen to be wider than a person
+    wide: bool = False  # whether seen wider than a person, and not as a whole narrower since
 
     def see(self, place: float, dt: float) -> None:
         """Take its place along the lane [m]."""
