@@ -45,6 +45,7 @@ from shield.vehicle import yaw_rate_between
 __all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
 
 CREEP_SPEED = 2.0  # [m/s] least set-point of a stalled car: walking pace, enough to get away
+HORIZON = 8  # [periods] of a set-point's commands: wheels turn from lock to lock, the car sets out
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
 TRANSPARENT = OrderEnforcing, PassiveEnvChecker  # wrappers of `gymnasium.make`: change nothing
 
@@ -150,12 +151,13 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         plan, weight = (None, 0.0) if planner is None else self._plan(planner)
         sources = {"policy": own}
         if planner is not None and plan is not None:
-            command = self.follow(self._blend(planner, plan, setpoint, weight))
+            setpoint = self._blend(planner, plan, setpoint, weight)
+            command = self.follow(setpoint)
             if self.supervision.safety_filter is None and planner.config.projection == "none":
                 # Nothing at all keeps a plan within bounds: that is what is compared.
                 command = planner.blend.blend(plan.actions[0], own, weight)
             sources |= {"planner": plan.actions[0], "blend": command}
-        return self._execute(nominal, command, sources, plan, weight)
+        return self._execute(nominal, command, sources, setpoint, plan, weight)
 
     def step_expert(
         self, disturbance: Array | None = None
@@ -168,7 +170,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         if disturbance is not None:
             setpoint = np.clip(setpoint + disturbance, self.limits.low, self.limits.high)
         command = self.follow(setpoint)
-        return self._execute(self.limits.to_action(setpoint), command, {"expert": command})
+        action = self.limits.to_action(setpoint)
+        return self._execute(action, command, {"expert": command}, setpoint)
 
     def step_command(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Drive one step with a command (2,) [rad, m/s] past planner and follower."""
@@ -209,6 +212,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         action: Array,
         command: Array,
         sources: dict[str, Array],
+        setpoint: Array | None = None,
         plan: Plan | None = None,
         weight: float = 0.0,
     ) -> tuple[Observation, float, bool, bool, Info]:
@@ -216,7 +220,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         certificate: Certificate | None = None
         shield, executed = self.supervision.safety_filter, command
         if shield is not None:
-            certificate = shield.filter(executed, plan=None if plan is None else plan.actions)
+            certificate = shield.filter(executed, plan=self._horizon(plan, setpoint))
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
         # What the shield changed is not gone on with: the follower sets out from there.
@@ -280,12 +284,22 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "context": self._context,
         }
 
+    def _horizon(self, plan: Plan | None, setpoint: Array | None) -> Array | None:
+        """The commands (H, 2) that are to follow, as far as they are known."""
+        if plan is not None:
+            return plan.actions
+        return None if setpoint is None else self._approach(setpoint, HORIZON)
+
+    def _approach(self, setpoint: Array, horizon: int) -> Array:
+        """The commands (horizon, 2) that follow a set-point (2,) [rad, m/s] from here."""
+        return self._follower.approach(setpoint, self._previous, self._before, horizon)
+
     def _reference(self) -> Array | None:
         """The commands (H, 2) that follow the expert's set-point, in training."""
-        planner, memory = self.supervision.planner, (self._previous, self._before)
+        planner = self.supervision.planner
         if planner is None or not self.supervision.training:
             return None
-        return self._follower.approach(self._decision.setpoint, *memory, planner.config.horizon)
+        return self._approach(self._decision.setpoint, planner.config.horizon)
 
 
 def _unwrapped(env: gymnasium.Env[Any, Any]) -> CityEnv:

@@ -21,11 +21,9 @@ from shield.world.world import Index, Kind, World
 __all__ = ["Certification"]
 
 NAMES = dict(zip(Kind, ("a wall", "vehicle", "person or post", "what was last seen"), strict=True))
+FRESH_MARGIN = 0.1  # [m] that a new commitment keeps beyond what the assumptions ask for
 LEAST_MARGIN = 0.1  # [m] that a car which is nearer than its margin keeps in any case
 ARC_STEP, ARC_MARGIN = 0.25, 0.15  # [m] along and beside the arcs of a detour
-# [m] by which corners may swing out on a detour that leads back, and how far along it; share of the
-# lane's error up to which they may
-SWING, SWING_LENGTH, SWING_SHARE = 0.05, 1.5, 0.5
 RETURN = 0.05  # by how much less a car outside has to be so, per metre
 ROUNDING = 1e-9  # [m] that quick bounds on a distance concede
 PART = 512  # pairs of a period and a threat that are checked before motions which fail are dropped
@@ -77,17 +75,16 @@ class Certification:
             self.outside_now = float(self._outside(*pose)[0, 0])
             self._turned_now = float(self._turned(pose[1])[0, 0])
 
-    def check(self, motions: Motions, margin: float, *, roomy: bool = True) -> Mask:
-        """Which motions (B, N) keep a margin beyond that of the assumptions [m], shape (B,).
+    def check(self, motions: Motions, *, roomy: bool = True) -> Mask:
+        """Which motions (B, N) may be committed to, shape (B,).
 
-        `roomy` asks for room to steer free where the car stops. Without it the car is on a detour:
-        from outside the corridor a corner may swing out on the way in.
+        `roomy` asks for room to steer free where the car stops.
         """
         last = motions.periods_to_rest
-        certified = self._departure(motions, last, margin, roomy) <= 0.0
+        certified = self._departure(motions, last) <= 0.0
         (rows,) = np.nonzero(certified)
         x, y, yaw = (values[rows, :last] for values in (motions.x, motions.y, motions.yaw))
-        clear = self._keep_clear(x, y, yaw, margin)
+        clear = self._keep_clear(x, y, yaw)
         if roomy:
             clear &= ~self._cramped(x[:, -1], y[:, -1], yaw[:, -1])
         certified[rows] = clear
@@ -95,16 +92,16 @@ class Certification:
             certified |= (motions.commands[..., 1] == 0.0).all(axis=1)
         return certified
 
-    def refusal(self, motions: Motions, margin: float, *, roomy: bool = True) -> str:
+    def refusal(self, motions: Motions) -> str:
         """Which check a motion (1, N) fails, by how much and when, for people."""
         last = motions.periods_to_rest
-        outside = float(self._departure(motions, last, margin, roomy)[0])
+        outside = float(self._departure(motions, last)[0])
         if not outside <= 0.0:
             if self._world.corridor is None:
                 return "needs a lane, and the lane is lost"
             return f"would leave the lanes by {outside:.2f} m"
         x, y, yaw = (values[:, :last] for values in (motions.x, motions.y, motions.yaw))
-        pairs = self._pairs(x, y, yaw, margin)
+        pairs = self._pairs(x, y, yaw)
         (missing,) = self._missing(x, y, yaw, pairs)
         if (missing > 0.0).any():
             worst = missing.argmax()
@@ -113,22 +110,21 @@ class Certification:
             return f"would pass {what} at {gap:.2f} m of {needed:.2f} m in {when:.1f} s"
         return "would stop too near to steer free"
 
-    def _departure(self, motions: Motions, last: int, margin: float, roomy: bool) -> Array:
+    def _departure(self, motions: Motions, last: int) -> Array:
         """By how much motions leave the corridor up to a period (B,) [m], not above 0: not."""
         if self._world.corridor is None:
             return np.full(len(motions.x), -np.inf if self._world.lanes is None else np.inf)
         heading = motions.heading_error[:, :last]
         pose = motions.offset[:, :last], heading, motions.curvature[:, :last]
-        swing = 0.0 if roomy else min(SWING, SWING_SHARE * self._lane_error())
         outside, turned = self._outside(*pose), self._turned(heading)
-        left = _excess(outside, self.outside_now, margin, swing)
-        away = _excess(turned, self._turned_now, margin, 0.0)
+        left = _excess(outside, self.outside_now)
+        away = _excess(turned, self._turned_now)
         return np.maximum(left, away)
 
-    def _keep_clear(self, x: Array, y: Array, yaw: Array, margin: float) -> Mask:
+    def _keep_clear(self, x: Array, y: Array, yaw: Array) -> Mask:
         """Whether motions (b, N) keep their distance from all threats (b,)."""
         clear = np.ones(len(x), np.bool_)
-        pairs = self._pairs(x, y, yaw, margin)
+        pairs = self._pairs(x, y, yaw)
         parts = math.ceil(len(pairs.x) / PART)
         for first in range(parts):
             # What has failed already need not be checked any further.
@@ -138,11 +134,11 @@ class Certification:
             clear[rows] = (missing <= 0.0).all(axis=1)
         return clear
 
-    def _pairs(self, x: Array, y: Array, yaw: Array, margin: float) -> _Pairs:
+    def _pairs(self, x: Array, y: Array, yaw: Array) -> _Pairs:
         """What motions (b, N) could come too near; of everything else they are certainly clear."""
         time = self._assumptions.delay + self._dt * np.arange(1.0, x.shape[1] + 1.0)
         radius, (px, py) = self.threats.radius(time), self.threats.centres(time)
-        most = self._margin + margin
+        most = self._margin + FRESH_MARGIN
         chosen = self._near(x, y, yaw, px, py, radius + most)
         radius = radius[chosen]
         # What is nearer already must not come nearer than to a car that stands.
@@ -196,9 +192,8 @@ class Certification:
             ways = road.direction(s.ravel())
             heading = yaw - np.arctan2(ways[:, 1], ways[:, 0]).reshape(x.shape)
             bend = np.full(x.shape, road.lane[2])
-            swung = np.where(along < SWING_LENGTH, SWING, 0.0)
-            back = np.maximum(self.outside_now - along * RETURN, 0.0)
-            free &= self._outside(offset, heading, bend) <= back + swung
+            back = np.maximum(self.outside_now - along * RETURN, -0.5 * FRESH_MARGIN)
+            free &= self._outside(offset, heading, bend) <= back
             free &= self._turned(heading) <= max(self._turned_now, 0.0)
         return np.asarray(ARC_STEP * np.logical_and.accumulate(free, axis=1).sum(axis=1))
 
@@ -277,11 +272,11 @@ class Certification:
         return np.asarray(np.maximum(left, right) + error)
 
 
-def _excess(left: Array, now: float, margin: float, swing: float) -> Array:
-    """Worst of excesses (B, N) with a margin (B,) [m]; none for the way back from outside."""
-    worst = left.max(axis=1) + 0.5 * margin
-    if now + 0.5 * margin <= 0.0:
+def _excess(left: Array, now: float) -> Array:
+    """Worst of excesses (B, N) with a margin, (B,) [m]; none for the way back from outside."""
+    worst = left.max(axis=1) + 0.5 * FRESH_MARGIN
+    if now + 0.5 * FRESH_MARGIN <= 0.0:
         return np.asarray(worst)
-    # From outside, what ends further in is the way back; a corner may swing out meanwhile.
-    back = (left.max(axis=1) <= now + swing) & (left[:, -1] < now)
+    # From outside, what ends further in, and no corner further out meanwhile, is the way back.
+    back = (left.max(axis=1) <= now) & (left[:, -1] < now)
     return np.where(back, 0.0, np.maximum(worst, 1e-3))

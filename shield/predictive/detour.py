@@ -39,26 +39,27 @@ class Detour:
         return self._steering is not None
 
     def suggest(
-        self, checks: Certification, nominal: Array, previous: Array, speed: float
+        self, checks: Certification, going: Array, previous: Array, speed: float
     ) -> Array | None:
-        """The command (2,) [rad, m/s] to try in place of the nominal one; None if not blocked."""
-        slow = nominal[1] > 0.0 and speed < 1.5 * CREEP
-        limit = min(float(nominal[1]), CREEP)
-        if not slow:
+        """The command (2,) [rad, m/s] to try in place of the nominal one; None if not blocked.
+
+        `going` is where the driver is about to go (2,) [rad, m/s], once the wheels have turned.
+        """
+        limit = min(float(going[1]), CREEP)
+        if limit <= 0.0 or speed > 1.5 * CREEP:
             self.reset()
             return None
-        if self._steering is None and speed > 0.5 * CREEP:
-            self._blocked = 0
-            return None
-        straight = np.array([nominal[0]])
-        if checks.free_arcs(straight, self._limits.wheelbase, REACH)[0] >= FREE:
-            self._blocked, self._steering = max(0, self._blocked - 1), None
-            return None
+        if speed > 0.5 * CREEP:
+            straight = np.array([going[0]])
+            way = checks.free_arcs(straight, self._limits.wheelbase, REACH)[0]
+            if self._steering is None or way >= FREE:
+                self.reset()
+                return None
         self._blocked += 1
         if self._blocked * self._limits.dt < PATIENCE:
             return None
         free = checks.free_arcs(self._angles, self._limits.wheelbase, REACH)
-        last = nominal[0] if self._steering is None else self._steering
+        last = going[0] if self._steering is None else self._steering
         best = int((free - PREFERENCE * np.abs(self._angles - last)).argmax())
         if free[best] < SHORTEST:
             self._steering = None

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
-from shield.errors import Array, InvalidLimits, as_array, check_numbers, check_within
+from shield.errors import Array, InvalidLimits, as_array, as_horizon, check_numbers, check_within
 from shield.estimation.lane import LaneEstimate, LaneGeometry
 from shield.estimation.scan import DEFAULT_SCANNER, ScannerGeometry
 from shield.limits.actuator_limits import ActuatorLimits
@@ -25,7 +25,6 @@ from shield.world.world import World
 
 __all__ = ["PredictiveFilter"]
 
-FRESH_MARGIN = 0.1  # [m] that a new commitment keeps beyond what the assumptions ask for
 STEERING_SHARES = np.array([0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0])  # of a step, from the nominal
 SLOW = 1.5  # [m/s] below which a candidate that speeds up may be what leads out
 SIDESTEP = 1.5  # [m] beside the present offset: where a car without lanes may stop
@@ -142,7 +141,8 @@ class PredictiveFilter:
 
         Args:
             nominal: Command asked for [rad, m/s], shape (2,), any values.
-            plan: As of `SafetyFilter.filter`.
+            plan: As of `SafetyFilter.filter`; a driver who stands and whose plan goes on is led
+                around what blocks the way.
 
         Returns:
             The certificate. `NOMINAL`: the nominal is certified, bit by bit. `PROJECTED`: the
@@ -159,7 +159,9 @@ class PredictiveFilter:
         flags = self._monitors.watch(self.world, self.previous)
         reason, command = f"nominal {nominal_action.tolist()} is not finite", None
         if np.isfinite(nominal_action).all():
-            detour = self._detour.suggest(checks, nominal_action, self.previous, self.world.speed)
+            horizon = nominal_action[None] if plan is None else as_horizon("plan", plan)
+            going = horizon[horizon[:, 1].argmax()]
+            detour = self._detour.suggest(checks, going, self.previous, self.world.speed)
             asked = nominal_action if detour is None else detour
             asked = self._projector.project(asked[None], self.previous).actions[0]
             start = self._start()
@@ -221,13 +223,13 @@ class PredictiveFilter:
         refusal, roomy = "", not self._detour.active
         for backup in self._order():
             motions = self._library.roll_out(start, command[None], backup)
-            if checks.check(motions, FRESH_MARGIN, roomy=roomy)[0]:
+            if checks.check(motions, roomy=roomy)[0]:
                 self._commit(motions, 0, backup)
                 return command, ""
             if self.refused is None:
                 self.refused = motions
                 name = f"backup {backup + 1} of {len(BACKUPS)} ({BACKUPS[backup]})"
-                refusal = f"{name} {checks.refusal(motions, FRESH_MARGIN, roomy=roomy)}"
+                refusal = f"{name} {checks.refusal(motions)}"
         return None, refusal
 
     def _nearest(
@@ -241,7 +243,7 @@ class PredictiveFilter:
                 break
             # Of the further backups only what would be nearer is of interest.
             motions = self._library.roll_out(start, candidates[:best], backup)
-            certified = checks.check(motions, FRESH_MARGIN, roomy=not self._detour.active)
+            certified = checks.check(motions, roomy=not self._detour.active)
             if certified.any():
                 best = int(certified.argmax())
                 chosen = motions, best, backup

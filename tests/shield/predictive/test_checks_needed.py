@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from shield import Assumptions, PredictiveFilter, World
-from shield.predictive import predictive_filter
+from shield.predictive import certification
 from shield.predictive.certification import Certification
 from shield.predictive.threats import Threats
 from tests.shield.predictive.bodies import Array, Road, Roll, Thing, Walk
@@ -73,19 +73,17 @@ def no_backup(patch: Patch) -> None:
     """Only the first period of a motion is checked."""
     check = Certification.check
 
-    def first(self, motions, margin, *, roomy):  # type: ignore[no-untyped-def]
+    def first(self, motions, *, roomy):  # type: ignore[no-untyped-def]
         names = [n for n in motions.__slots__ if n != "commands"]
         cut = {n: getattr(motions, n)[:, :1] for n in names}
-        return check(
-            self, replace(motions, commands=motions.commands[:, :1], **cut), margin, roomy=False
-        )
+        return check(self, replace(motions, commands=motions.commands[:, :1], **cut), roomy=False)
 
     patch.setattr(Certification, "check", first)
 
 
 def no_margin(patch: Patch) -> None:
     """A commitment keeps no distance of its own."""
-    patch.setattr(predictive_filter, "FRESH_MARGIN", 0.0)
+    patch.setattr(certification, "FRESH_MARGIN", 0.0)
 
 
 def parked() -> KinematicWorld:
