@@ -194,7 +194,7 @@ def test_what_the_shield_does_is_not_gone_on_with(
     real, steps = shield.filter, iter(range(100))
 
     def interrupted(command: np.ndarray, plan: np.ndarray | None = None) -> Certificate:
-        answer = real(np.array([command[0], 0.0]), plan=plan)
+        answer = real(np.array([command[0], 0.0]))
         if next(steps) % 3:
             return answer
         wheels = max(loop._previous[0] - loop.limits.steering_step, -0.5)

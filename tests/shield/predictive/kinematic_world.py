@@ -17,6 +17,7 @@ SUBSTEPS = 4  # instants of a period at which contacts are tested
 MOVING = 0.1  # [m/s] a slower car is at rest
 LANE_STD, LANE_NOISE = 0.03, 0.06  # [m] stated, and the largest there is
 RANGE_NOISE = 0.05  # [m] largest error of a range
+THROUGH = 10  # periods for which nobody can know who has walked through something solid
 REMEMBERED = 40  # periods for which the shield remembers a person whom no beam hits (A8)
 
 Driver = Callable[["KinematicWorld", int], Array]
@@ -32,11 +33,12 @@ class Event:
     moving: bool
     by_other: bool
     seen: float  # periods since a beam last hit it
+    apart: float = math.inf  # periods since its middle was in something solid
 
     @property
     def at_fault(self) -> bool:
         """Whether the moving car touched what it could know of, and not because of a push."""
-        known = self.seen <= REMEMBERED
+        known = self.seen <= REMEMBERED and self.apart > THROUGH
         return self.thing < 0 or (self.moving and known and not self.by_other)
 
 
@@ -120,6 +122,7 @@ class KinematicWorld:
     def __post_init__(self) -> None:
         """Nobody has looked yet."""
         self.seen: list[float] = [-math.inf] * len(self.things)
+        self.apart: list[float] = [math.inf] * len(self.things)
 
     def body(self) -> Thing:
         """The car's outline."""
@@ -186,7 +189,17 @@ class KinematicWorld:
         self.steering, self.yaw_rate = steering, (self.pose[2] - begin) / dt
         for thing, (x, y, yaw) in zip(self.things, poses, strict=True):
             thing.x, thing.y, thing.yaw = x, y, yaw
+        self.apart = [
+            0 if self._within(thing) else age + 1
+            for thing, age in zip(self.things, self.apart, strict=True)
+        ]
         return list(events.values())
+
+    def _within(self, thing: Thing) -> bool:
+        """Whether the middle of a person is in something solid."""
+        middle = Thing(thing.x, thing.y, 0.0)
+        solid = [other for other in self.things if other.length is not None]
+        return thing.length is None and any(other.touches(middle) for other in solid)
 
     def _events(
         self,
@@ -205,7 +218,9 @@ class KinematicWorld:
             if car.touches(now):
                 behind = float(ahead @ (now.x - car.x, now.y - car.y)) < -0.5
                 by_other = behind and float(ahead @ thing.velocity) > self.speed
-                events.append(Event(step, index, moving, by_other, self.seen[index]))
+                events.append(
+                    Event(step, index, moving, by_other, self.seen[index], self.apart[index])
+                )
         if self.outside() > 0.0:
             events.append(Event(step, -1, moving, False, 0))
         return events
