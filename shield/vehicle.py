@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from shield.errors import Array, InvalidLimits, as_array, as_horizon, check_positive
 
-__all__ = ["KinematicBicycle", "VehicleGeometry", "yaw_rate_between"]
+__all__ = ["KinematicBicycle", "VehicleGeometry", "carried", "yaw_rate_between"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,6 +63,23 @@ def yaw_rate_between(before: float, steering: float, speed: float, wheelbase: fl
         wheelbase: Distance between the axles [m].
     """
     return speed * math.tan(0.5 * (before + steering)) / wheelbase
+
+
+def carried(points: Array, speed: float, yaw_rate: float, dt: float) -> Array:
+    """Where points (n, 2) [m] that stand are for the car after a period `dt` [s] of its motion.
+
+    The frame is that of the rear axle. Directions turn with it: they are carried at `speed` 0.
+
+    Args:
+        points: Places in the frame of before.
+        speed: Of the rear axle [m/s].
+        yaw_rate: Of the car [rad/s].
+        dt: Length of the period [s].
+    """
+    turn, way = yaw_rate * dt, speed * dt
+    cos, sin = math.cos(turn), math.sin(turn)
+    driven = np.array([way * math.cos(0.5 * turn), way * math.sin(0.5 * turn)])
+    return np.asarray((points - driven) @ np.array([[cos, -sin], [sin, cos]]))
 
 
 class KinematicBicycle:

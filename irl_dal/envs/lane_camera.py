@@ -31,6 +31,7 @@ from irl_dal.envs.road import HALF_WIDTH, HOME_LANE, LANE_WIDTH
 from irl_dal.envs.scenery import CENTRE_WIDTH, EDGE_LINE, LINE_WIDTH, PAINT
 from irl_dal.envs.sensors import Camera
 from shield import LaneMeasurement
+from shield.vehicle import carried
 
 Mask = NDArray[np.bool_]
 
@@ -171,10 +172,7 @@ class LaneCamera:
         along = way / max(MIN_STRETCH, 1.0 - bend * d)
         turn = yaw_rate * self._dt
         self._driven += abs(way)
-        x = self._passed[:, 0] - way * math.cos(0.5 * turn)
-        y = self._passed[:, 1] - way * math.sin(0.5 * turn)
-        cos, sin = math.cos(turn), math.sin(turn)
-        self._passed[:, 0], self._passed[:, 1] = cos * x + sin * y, cos * y - sin * x
+        self._passed[:, :2] = carried(self._passed[:, :2], speed, yaw_rate, self._dt)
         self._passed[:, 4] += abs(way)
         self._passed = self._passed[self._passed[:, 0] > -BEHIND]
         offset = d + way * math.sin(psi + 0.5 * turn)

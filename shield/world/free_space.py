@@ -11,6 +11,7 @@ import numpy as np
 
 from shield.errors import Array, Mask
 from shield.estimation.scan import ScannerGeometry
+from shield.vehicle import carried
 
 __all__ = ["FreeSpace"]
 
@@ -41,12 +42,8 @@ class FreeSpace:
 
     def move(self, speed: float, yaw_rate: float) -> None:
         """Go on by one period [m/s], [rad/s]."""
-        turn, way = yaw_rate * self._dt, speed * self._dt
-        x = self._poses[:, 0] - way * math.cos(0.5 * turn)
-        y = self._poses[:, 1] - way * math.sin(0.5 * turn)
-        cos, sin = math.cos(turn), math.sin(turn)
-        moved = cos * x + sin * y, cos * y - sin * x, self._poses[:, 2] - turn
-        self._poses = np.stack(moved, axis=1)
+        self._poses[:, :2] = carried(self._poses[:, :2], speed, yaw_rate, self._dt)
+        self._poses[:, 2] -= yaw_rate * self._dt
 
     def add(self, ranges: Array) -> None:
         """Take how far each beam looked (n,) [m]: infinite without a return, 0 if it is broken."""

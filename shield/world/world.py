@@ -20,7 +20,7 @@ from shield.errors import Array, Mask, as_array, check_numbers
 from shield.estimation.clusters import ClusterTracker, Track
 from shield.estimation.lane import LaneEstimate, LaneGeometry
 from shield.estimation.scan import ScanFilter, ScannerGeometry
-from shield.vehicle import VehicleGeometry
+from shield.vehicle import VehicleGeometry, carried
 from shield.world.corridor import Corridor
 from shield.world.free_space import FreeSpace
 from shield.world.reading import Reading
@@ -222,16 +222,11 @@ class World:
     def _carry(self, speed: float, yaw_rate: float) -> Obstacles:
         """Move what is known by one period, own motion and that of the obstacles."""
         known, dt = self.obstacles, self._dt
-        turn = yaw_rate * dt
-        way = speed * dt * np.array([math.cos(0.5 * turn), math.sin(0.5 * turn)])
-        moved = known.points + known.velocity * dt - way
-        cos, sin = math.cos(turn), math.sin(turn)
-        back = np.array([[cos, -sin], [sin, cos]])
-        self._movers[:, :2] = (self._movers[:, :2] - way) @ back
+        self._movers[:, :2] = carried(self._movers[:, :2], speed, yaw_rate, dt)
         self._movers[:, 2] += dt
         return Obstacles(
-            moved @ back,
-            known.velocity @ back,
+            carried(known.points + known.velocity * dt, speed, yaw_rate, dt),
+            carried(known.velocity, 0.0, yaw_rate, dt),
             known.error,
             known.kind,
             known.number,

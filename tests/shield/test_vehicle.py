@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from shield import InvalidLimits, InvalidProblem, KinematicBicycle, VehicleGeometry
+from shield.vehicle import carried
 from tests.shield import tolerances
 
 BICYCLE = KinematicBicycle(2.7, 0.1)
@@ -28,6 +29,20 @@ def test_the_lateral_acceleration_agrees_with_numpy(rng: np.random.Generator) ->
     for steering, speed in rng.uniform([-0.5, -3.0], [0.5, 12.0], (20, 2)):
         got = float(BICYCLE.lateral_acceleration([steering, speed]))
         assert got == pytest.approx(speed**2 * np.tan(steering) / 2.7, rel=tolerances.MODEL)
+
+
+@pytest.mark.parametrize("yaw_rate", [-0.4, 0.0, 0.7])
+def test_what_stands_is_carried_to_where_the_model_sees_it(yaw_rate: float) -> None:
+    """Points by the pose after a period of the bicycle; directions by its yaw alone."""
+    speed, points = 8.0, np.array([[10.0, -3.0], [0.0, 4.0], [-2.0, 0.0]])
+    command = [math.atan(2.7 * yaw_rate / speed), speed]
+    (x, y, yaw) = BICYCLE.rollout(np.zeros(3), [command])[0]
+    turned = (points[:, 0] + 1j * points[:, 1]) * np.exp(-1j * yaw)
+    seen = turned - (x + 1j * y) * np.exp(-1j * yaw)
+    got = carried(points, speed, yaw_rate, 0.1)
+    assert np.abs(got - np.stack([seen.real, seen.imag], axis=1)).max() < 5e-4
+    got = carried(points, 0.0, yaw_rate, 0.1)
+    assert np.abs(got - np.stack([turned.real, turned.imag], axis=1)).max() < 1e-9
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
