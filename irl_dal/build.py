@@ -17,7 +17,7 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CityConfig, CityEnv
 from irl_dal.envs.road import LANES
 from irl_dal.learning import Driver, DriverProcesses, DrivingPolicy, build_policy
-from irl_dal.loop import ControlLoop, Supervision
+from irl_dal.loop import CLEARANCE_MARGIN, ControlLoop, Supervision
 from irl_dal.planner import DiffusionPlanner
 from irl_dal.planner.planner import SIMULATED_TIME_DEADLINE
 from irl_dal.storage.checkpoint import MISFITS, CheckpointError, CheckpointStore
@@ -25,7 +25,6 @@ from shield import Assumptions, PredictiveFilter, SafetyFilter
 
 # Spawn keys of the planner's random stream and of the training episodes': none of those that
 # learning splits the seed into.
-CLEARANCE_MARGIN = 0.1  # [m] that the shield keeps beyond the distance that counts as a collision
 _PLANNER, _EPISODES = (1_000,), (1_001,)
 
 

@@ -30,10 +30,13 @@ from irl_dal.envs.road import LANES
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
 from shield import (
     ActuatorLimits,
+    Assumptions,
     Certificate,
     ClearanceTracker,
     LaneTracker,
+    Outlook,
     PredictiveFilter,
+    Risk,
     RiskTrigger,
     SafetyFilter,
     SetpointFollower,
@@ -45,6 +48,7 @@ from shield.vehicle import yaw_rate_between
 __all__ = ["SOURCES", "ControlLoop", "Observation", "Supervision"]
 
 CREEP_SPEED = 2.0  # [m/s] least set-point of a stalled car: walking pace, enough to get away
+CLEARANCE_MARGIN = 0.1  # [m] that the shield keeps beyond the distance that counts as a collision
 HORIZON = 8  # [periods] of a set-point's commands: wheels turn from lock to lock, the car sets out
 SOURCES = ("policy", "planner", "blend", "expert")  # of commands before the shield
 TRANSPARENT = OrderEnforcing, PassiveEnvChecker  # wrappers of `gymnasium.make`: change nothing
@@ -69,7 +73,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
     | key | meaning |
     |---|---|
     | expert, expert_action, mode | the expert's decision for the observation just returned |
-    | risk, lane, clearance_estimate, context | the estimates behind that observation |
+    | lane, clearance_estimate, context | the estimates behind that observation |
+    | risk | whether and why what was asked for was risky, by the estimates before this step |
     | nominal_action, nominal_command | what was asked for, and the command before the shield |
     | previous_command, executed_command, executed_action | what the actuators had and got |
     | triggered, plan, blend_weight | what the planner did in this step |
@@ -102,6 +107,8 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         self._trigger = RiskTrigger(trigger, self.limits.dt, self._centres)
         vehicle = self.city.config.vehicle
         self.world = World(self.limits.dt, self._scanner, vehicle, LANES)
+        apart = self.city.config.collision_distance + CLEARANCE_MARGIN
+        self._outlook = Outlook(self.limits, vehicle, Assumptions(), apart)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
@@ -113,7 +120,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         observation, info = self.env.reset(seed=seed, options=options)
         self._previous: Array = np.array([0.0, self.city.config.initial_speed])
         self._before = self._previous
-        for part in (self._clearance, self._lane, self._trigger, self._expert, self.world):
+        self._risk = Risk(risky=False, reasons=(), lane_deviation=0.0)
+        estimation = self._clearance, self._lane, self.world
+        for part in (*estimation, self._trigger, self._outlook, self._expert):
             part.reset()
         self.restart_supervision(seed)
         info.update(self._assess(observation, info))
@@ -148,6 +157,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         nominal = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         setpoint, planner = self.limits.to_command(nominal), self.supervision.planner
         own = command = self.follow(setpoint)
+        self._risk = self._judge(setpoint)
         plan, weight = (None, 0.0) if planner is None else self._plan(planner)
         sources = {"policy": own}
         if planner is not None and plan is not None:
@@ -170,23 +180,34 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         if disturbance is not None:
             setpoint = np.clip(setpoint + disturbance, self.limits.low, self.limits.high)
         command = self.follow(setpoint)
+        self._risk = self._judge(setpoint)
         action = self.limits.to_action(setpoint)
         return self._execute(action, command, {"expert": command}, setpoint)
 
     def step_command(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Drive one step with a command (2,) [rad, m/s] past planner and follower."""
+        self._risk = self._judge(None)
         return self._execute(self.limits.to_action(command), command, {"policy": command})
 
     def follow(self, setpoint: Array) -> Array:
         """The command (2,) with which the follower goes on to a set-point (2,) [rad, m/s]."""
         return self._follower.follow(setpoint, self._previous, self._before)
 
+    def _judge(self, setpoint: Array | None) -> Risk:
+        """Whether going to a set-point is risky; without one only what is known counts."""
+        needs_shield = False
+        if setpoint is not None and self._trigger.config.form == "predicted":
+            commands = self._approach(setpoint, HORIZON)
+            needs_shield = bool(self._outlook.refusal(self.world, commands, self._previous))
+        speed = self._context.speed
+        return self._trigger.update(self._distance, self._context.lane, speed, needs_shield)
+
     def _plan(self, planner: DiffusionPlanner) -> tuple[Plan | None, float]:
         """Trigger → plan, with its weight in the blend."""
         risk = self._risk
-        # A plan needs something to go by.
-        seen = self._context.lane.valid or bool({"clearance", "lidar_lost"} & set(risk.reasons))
-        needed = risk.risky and (seen or planner.config.without_lane)
+        # A plan needs a lane to go by; as printed it is asked for all the same.
+        seen = self._context.lane.valid or self._trigger.config.form == "printed"
+        needed = risk.risky and seen
         if not needed and planner.config.activation != "always":
             planner.blend.reset()
             return None, 0.0
@@ -253,9 +274,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         yaw_rate = yaw_rate_between(*ends, speed, wheelbase)
         self._distance = self._clearance.update(scan, speed)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
-        if isinstance(self.supervision.safety_filter, PredictiveFilter):
-            self.world.update(scan, speed, yaw_rate, lane)
-        self._risk = self._trigger.update(self._distance, lane, speed)
+        self.world.update(scan, speed, yaw_rate, lane)
         self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
         if self.render_mode is not None:
             risk, text = self._risk, self._decision.mode.name.lower().replace("_", " ")

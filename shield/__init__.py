@@ -15,7 +15,7 @@ from shield.estimation.scan import ScannerGeometry
 from shield.follower import SetpointFollower
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.limits.constraint import UNBOUNDED, Constraint, Rows
-from shield.predictive import Assumptions, PredictiveFilter
+from shield.predictive import Assumptions, Outlook, PredictiveFilter
 from shield.projection.certificate import Certificate, Projection, Status
 from shield.projection.projector import HorizonProjector
 from shield.safety_filter import SafetyFilter
@@ -41,6 +41,7 @@ __all__ = [
     "LaneMeasurement",
     "LaneTracker",
     "MissingDependency",
+    "Outlook",
     "PredictiveFilter",
     "Projection",
     "Risk",

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -56,7 +57,8 @@ def risky_contexts(rig: Rig, seed: int) -> tuple[Episode, list[PlanningContext]]
     infos: list[Mapping[str, Any]] = []
     with rig.loop.under(rig.reference):
         episode = drive_episode(rig.loop, ExpertAgent(), seed, lambda _, info: infos.append(info))
-    return episode, [info["context"] for info in infos[:-1] if info["risk"].risky]
+    steps = pairwise(infos)  # what was asked for in a state is judged in the step that follows
+    return episode, [before["context"] for before, after in steps if after["risk"].risky]
 
 
 def plan_log(

@@ -26,7 +26,6 @@ class PlannerConfig:
 
     enabled: bool = True
     activation: Activation = "trigger"  # When it is asked
-    without_lane: bool = False  # The trigger asks it also where no lane is seen and nothing is near
     horizon: int = 8  # H (Table II), even because the U-Net halves it
     diffusion_steps: int = 100  # T (Table II)
     schedule: ScheduleKind = "cosine"  # `printed` is the paper's and leaves signal at T

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike
 from shield.errors import Array
 from shield.limits.actuator_limits import ActuatorLimits
 from shield.predictive.assumptions import Assumptions
+from shield.world.world import World
 
 __all__ = ["BACKUPS", "BackupLibrary", "Motions", "Start"]
 
@@ -33,6 +34,7 @@ OFFSET_TIME, HEADING_TIME = 0.8, 0.35  # [s] time constants of the lane feedback
 LEAST_FEEDBACK_SPEED = 2.5  # [m/s] below which its gains stop growing
 MAX_APPROACH = 0.4  # [rad] angle at which an offset is approached
 MAX_CURVATURE = 0.1  # [1/m] of a lane that can be driven: a clothoid is not extrapolated further
+SIDESTEP = 1.5  # [m] beside the present offset: where a car without lanes may stop
 REST = 0.05  # [m/s] at which a car stands
 INSIDE = 1.0 - 1e-9  # of a rate, so that rounding breaks no bound
 SHORTEST = 6  # [periods] of the shortest roll-out
@@ -56,6 +58,17 @@ class Start:
     lane: tuple[float, float, float, float]
     offsets: tuple[float, float, float]
 
+    @classmethod
+    def of(cls, world: World, previous: Array) -> "Start":
+        """The present state, where `previous` (2,) was executed last [rad, m/s]."""
+        road = world.corridor
+        if road is None:
+            lane, offsets = (0.0, 0.0, 0.0, 0.0), (0.0, SIDESTEP, -SIDESTEP)
+        else:
+            lane, low, high = road.lane, road.centres[0], road.centres[-1]
+            offsets = (min(max(lane[0], low), high), low, high)
+        return cls(world.speed, previous, lane, offsets)
+
 
 @dataclass(frozen=True, slots=True)
 class Motions:
@@ -64,7 +77,7 @@ class Motions:
     Attributes:
         x, y, yaw: Pose of the rear axle [m], [m], [rad].
         offset, heading_error, curvature: In the lane [m], [rad], [1/m].
-        commands: Steering and speed (B, N, 2) [rad, m/s]: the candidate first.
+        commands: Steering and speed (B, N, 2) [rad, m/s]: those of the candidate first.
     """
 
     x: Array
@@ -99,30 +112,34 @@ class BackupLibrary:
         self._step = self.braking * limits.dt
         fastest = max(abs(limits.min_speed), abs(limits.max_speed))
         self._longest = self._periods(fastest)
-        horizons = [n for n in (SHORTEST * 2**k for k in range(32)) if n <= self._longest]
-        self._functions = {
-            (backup, periods): _function(limits, assumptions, backup, periods)
-            for backup in range(len(BACKUPS))
-            for periods in horizons
-        }
+        for backup in range(len(BACKUPS)):  # now, and not in the first steps that need them
+            for periods in (SHORTEST * 2**k for k in range(32)):
+                if periods <= self._longest:
+                    _function(limits, assumptions, backup, 1, periods)
 
     def roll_out(self, start: Start, candidates: ArrayLike, backup: int) -> Motions:
-        """Return the motions of candidates (B, 2) [rad, m/s] with a backup of `BACKUPS`."""
+        """Return the motions of candidates with a backup of `BACKUPS` after each.
+
+        A candidate is a command, (B, 2) of them, or some in a row, (B, n, 2) [rad, m/s].
+        """
         given = np.asarray(candidates, dtype=np.float64)
-        fastest = max(abs(start.speed), float(np.abs(given[:, 1]).max()))
-        periods = min(self._periods(fastest), self._longest)
+        given = np.ascontiguousarray(given.reshape(len(given), -1, 2))
+        lead = given.shape[1]
+        fastest = max(abs(start.speed), float(np.abs(given[..., 1]).max()))
+        periods = min(self._periods(fastest), self._longest) + lead - 1
         target = start.offsets[backup] if backup < len(start.offsets) else 0.0
         state = np.array([start.speed, float(start.previous[0]), *start.lane, target])
-        candidate, motion = np.empty(2), np.empty((periods, FIELDS))
+        candidate, motion = np.empty((lead, 2)), np.empty((periods, FIELDS))
         # Buffers spare the conversions of arguments, which take longer than the roll-out.
         buffer: Any
-        buffer, evaluate = self._functions[backup, periods].buffer()
+        function = _function(self._limits, self._assumptions, backup, lead, periods)
+        buffer, evaluate = function.buffer()
         buffer.set_arg(0, candidate.data)
         buffer.set_arg(1, state.data)
         buffer.set_res(0, motion.data)
         values = np.empty((len(given), periods, FIELDS))
-        for row, command in enumerate(given):
-            candidate[:] = command
+        for row, commands in enumerate(given):
+            candidate[:] = commands
             evaluate()
             values[row] = motion
         x, y, yaw, offset, heading, curvature = np.moveaxis(values[..., :6], -1, 0)
@@ -138,12 +155,12 @@ class BackupLibrary:
 
 @lru_cache(maxsize=256)
 def _function(
-    limits: ActuatorLimits, assumptions: Assumptions, backup: int, periods: int
+    limits: ActuatorLimits, assumptions: Assumptions, backup: int, lead: int, periods: int
 ) -> casadi.Function:
-    """The roll-out (FIELDS, periods) of a candidate (2,) and a state (7,)."""
-    first, state = casadi.SX.sym("first", 2), casadi.SX.sym("state", 7)
-    columns = _Law(limits, assumptions, backup).motion(first, state, periods)
-    return casadi.Function("motion", [first, state], [casadi.densify(casadi.horzcat(*columns))])
+    """The roll-out (FIELDS, periods) of a candidate (2, lead) and a state (7,)."""
+    given, state = casadi.SX.sym("given", 2, lead), casadi.SX.sym("state", 7)
+    columns = _Law(limits, assumptions, backup).motion(given, state, periods)
+    return casadi.Function("motion", [given, state], [casadi.densify(casadi.horzcat(*columns))])
 
 
 class _Law:
@@ -153,7 +170,7 @@ class _Law:
         self._limits, self._assumptions, self._backup = limits, assumptions, backup
         self._step = min(assumptions.braking, limits.max_deceleration) * limits.dt
 
-    def motion(self, first: casadi.SX, state: casadi.SX, periods: int) -> list[casadi.SX]:
+    def motion(self, given: casadi.SX, state: casadi.SX, periods: int) -> list[casadi.SX]:
         """One column (FIELDS,) for each period."""
         backup = self._backup
         dt, wheelbase = self._limits.dt, self._limits.wheelbase
@@ -162,12 +179,14 @@ class _Law:
         x, y, yaw = casadi.SX(0.0), casadi.SX(0.0), casadi.SX(0.0)
         offset, heading = state[2], state[3]
         lag = min(assumptions.steering_lag / dt, 1.0)
-        steering, speed, along, columns = first[0], first[1], casadi.SX(0.0), []
+        along, columns = casadi.SX(0.0), []
         for period in range(periods):
             curvature = casadi.fmin(
                 casadi.fmax(state[4] + state[5] * along, -MAX_CURVATURE), MAX_CURVATURE
             )
-            if period:
+            if period < given.shape[1]:
+                steering, speed = given[0, period], given[1, period]
+            else:
                 speed = self._brake(speed)
                 if backup < 3:
                     pose = (offset, heading, curvature, state[6])

@@ -59,13 +59,17 @@ class Certification:
         dt: float,
         braking: float,
         scanner_clearance: float,
+        lead: int = 1,
     ) -> None:
         self._scanner_clearance = scanner_clearance
         self._world, self._assumptions, self._vehicle, self._dt = world, assumptions, vehicle, dt
         speed = abs(world.speed)
         self._room = STANDING_ROOM * vehicle.length
-        horizon = speed * (speed / braking + 3.0 * dt) + vehicle.front_bumper + self._room + 3.0
+        horizon = (
+            speed * (speed / braking + (2.0 + lead) * dt) + vehicle.front_bumper + self._room + 3.0
+        )
         self.threats = Threats.of(world, assumptions, horizon)
+        self._lead = (lead - 1) * dt
         self._margin = assumptions.range_error + assumptions.tracking_error
         corridor = world.corridor
         self.outside_now = self._turned_now = 0.0
@@ -137,7 +141,9 @@ class Certification:
     def _pairs(self, x: Array, y: Array, yaw: Array) -> _Pairs:
         """What motions (b, N) could come too near; of everything else they are certainly clear."""
         time = self._assumptions.delay + self._dt * np.arange(1.0, x.shape[1] + 1.0)
-        radius, (px, py) = self.threats.radius(time), self.threats.centres(time)
+        # By the end of the commands that lead, things will have been seen to move as they do.
+        since = np.maximum(time - self._lead, time[0])
+        radius, (px, py) = self.threats.radius(since), self.threats.centres(time)
         most = self._margin + FRESH_MARGIN
         chosen = self._near(x, y, yaw, px, py, radius + most)
         radius = radius[chosen]

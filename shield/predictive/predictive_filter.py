@@ -27,7 +27,6 @@ __all__ = ["PredictiveFilter"]
 
 STEERING_SHARES = np.array([0.0, 0.25, -0.25, 0.5, -0.5, 1.0, -1.0])  # of a step, from the nominal
 SLOW = 1.5  # [m/s] below which a candidate that speeds up may be what leads out
-SIDESTEP = 1.5  # [m] beside the present offset: where a car without lanes may stop
 
 
 class PredictiveFilter:
@@ -164,7 +163,7 @@ class PredictiveFilter:
             detour = self._detour.suggest(checks, going, self.previous, self.world.speed)
             asked = nominal_action if detour is None else detour
             asked = self._projector.project(asked[None], self.previous).actions[0]
-            start = self._start()
+            start = Start.of(self.world, self.previous)
             command, reason = self._certify(checks, start, asked)
             if command is None:
                 command = self._nearest(checks, start, asked, begin + self._deadline)
@@ -198,16 +197,6 @@ class PredictiveFilter:
             self._library.braking,
             self._scanner_clearance,
         )
-
-    def _start(self) -> Start:
-        """The state that motions begin in."""
-        road = self.world.corridor
-        if road is None:
-            lane, offsets = (0.0, 0.0, 0.0, 0.0), (0.0, SIDESTEP, -SIDESTEP)
-        else:
-            lane, low, high = road.lane, road.centres[0], road.centres[-1]
-            offsets = (min(max(lane[0], low), high), low, high)
-        return Start(self.world.speed, self.previous, lane, offsets)
 
     def _order(self) -> list[int]:
         """The backups, the committed one first."""

@@ -92,15 +92,11 @@ def test_variants_add_one_part_after_the_other(
 
 @pytest.mark.parametrize("variant", ["ppo_uniform", "fsm_replay", "diffusion", "irl_dal", "paper"])
 def test_only_ours_asks_the_planner_otherwise_than_the_paper(variant: str) -> None:
-    """Stalled cars, headings, lanes out of sight and further steps of guidance are ours."""
+    """A trigger by prediction and further steps of guidance are ours."""
     theirs, ours = composed(f"variant={variant}"), composed("variant=shielded")
-    trigger = theirs.shield.trigger
-    assert trigger.stall_time is None and trigger.preview_time is None
-    assert theirs.planner.without_lane and not ours.planner.without_lane
+    assert (theirs.shield.trigger.form, ours.shield.trigger.form) == ("printed", "predicted")
     assert theirs.planner.guidance.max_final_iterations <= 1
     assert ours.planner.guidance.max_final_iterations > 1
-    assert ours.shield.trigger.stall_time is not None
-    assert ours.shield.trigger.preview_time is not None
 
 
 def test_the_paper_preset_is_everything_as_printed() -> None:
@@ -261,5 +257,5 @@ def test_every_group_has_its_base_and_a_default() -> None:
     for group in GROUPS:
         assert (Path(CONFIG_FOLDER) / group / "default.yaml").is_file()
     keys = known_keys()
-    assert "shield.trigger.stall_time" in keys and "planner.blend.base" in keys
+    assert "shield.trigger.form" in keys and "planner.blend.base" in keys
     assert {key.split(".")[0] for key in keys} == {*GROUPS, "seed", "variant", "preset"}

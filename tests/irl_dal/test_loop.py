@@ -24,7 +24,8 @@ from irl_dal.config import RunConfig
 from irl_dal.envs import CITY_ID, CityEnv
 from irl_dal.loop import ControlLoop, Supervision
 from irl_dal.planner import Activation, ProjectionMode
-from shield import Certificate
+from shield import Certificate, TriggerConfig
+from shield.trigger import TriggerForm
 
 
 @pytest.fixture
@@ -119,7 +120,7 @@ def test_only_unprojected_plans_break_the_bounds_without_a_shield(
     """However the policy jumps: its set-points are followed within them."""
     config = replace(
         straight,
-        shield=replace(straight.shield, enabled=False),
+        shield=replace(straight.shield, enabled=False, trigger=TriggerConfig(form="printed")),
         planner=replace(
             straight.planner, enabled=True, activation=activation, projection=projection
         ),
@@ -209,46 +210,57 @@ def test_what_the_shield_does_is_not_gone_on_with(
     assert infos[-1]["executed_command"][0] > 0.2
 
 
-def test_a_planner_that_sees_no_lane_is_not_asked(
-    straight: RunConfig, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize(("form", "asked"), [("predicted", False), ("printed", True)])
+def test_a_planner_that_sees_no_lane_is_asked_as_printed_only(
+    straight: RunConfig, monkeypatch: pytest.MonkeyPatch, form: TriggerForm, asked: bool
 ) -> None:
-    """Unless something is near, or the variant asks it all the same; the state stays risky."""
-    for without_lane, asked in ((False, False), (True, True)):
-        planner = replace(straight.planner, enabled=True, without_lane=without_lane)
-        # Without a lane the predictive filter would stop the car before anything is near.
-        shield = replace(straight.shield, level="off")
-        config = replace(straight, planner=planner, shield=shield)
-        loop = build_loop(config, supervision(config, build_planner(config)))
-        loop.reset(seed=0)
-        see = loop._lane.update
-        monkeypatch.setattr(loop._lane, "update", lambda _, *motion, see=see: see(None, *motion))
-        ahead = loop.limits.to_action(np.array([0.0, 4.0]))
-        risks = [(loop._risk, loop.step(ahead)[-1]["triggered"]) for _ in range(150)]
-        loop.close()
-        blind = [triggered for risk, triggered in risks if risk.reasons == ("lane_lost",)]
-        near = [triggered for risk, triggered in risks if "clearance" in risk.reasons]
-        assert len(blind) > 10 and set(blind) == {asked}
-        assert near and all(near)
+    """The state is risky all the same."""
+    # Without a lane the predictive filter would stop the car.
+    shield = replace(straight.shield, level="off", trigger=TriggerConfig(form=form))
+    planner = replace(straight.planner, enabled=True)
+    config = replace(straight, planner=planner, shield=shield)
+    loop = build_loop(config, supervision(config, build_planner(config)))
+    loop.reset(seed=0)
+    see = loop._lane.update
+    monkeypatch.setattr(loop._lane, "update", lambda _, *motion, see=see: see(None, *motion))
+    ahead = loop.limits.to_action(np.array([0.0, 4.0]))
+    infos = [loop.step(ahead)[-1] for _ in range(40)][20:]
+    loop.close()
+    assert all("lane_lost" in info["risk"].reasons for info in infos)
+    assert {info["triggered"] for info in infos} == {asked}
 
 
-def test_a_policy_that_stands_hands_over_to_the_planner(straight: RunConfig) -> None:
-    """After the stall time it goes on, on an open road; a variant without one waits for ever."""
-    for stall_time, hands_over in ((1.0, True), (None, False)):
-        trigger = replace(straight.shield.trigger, stall_time=stall_time)
-        config = replace(
-            straight,
-            shield=replace(straight.shield, trigger=trigger),
-            planner=replace(straight.planner, enabled=True),
-        )
-        loop = build_loop(config, supervision(config, build_planner(config)))
-        loop.reset(seed=0)
-        stop = loop.limits.to_action(np.zeros(2))
-        steps = [loop.step(stop)[-1] for _ in range(60)]
-        loop.close()
-        alone = [info["blend_weight"] == 1.0 for info in steps if info["triggered"]]
-        assert any(alone) == hands_over
-        speeds = [info["executed_command"][1] for info in steps]
-        assert (max(speeds[20:]) > loop.city.config.initial_speed / 4) == hands_over
+@pytest.mark.parametrize(("form", "hands_over"), [("predicted", True), ("printed", False)])
+def test_a_policy_that_stands_hands_over_to_the_planner(
+    straight: RunConfig, form: TriggerForm, hands_over: bool
+) -> None:
+    """By prediction it goes on after a while, on an open road; as printed it waits for ever."""
+    config = replace(
+        straight,
+        shield=replace(straight.shield, trigger=TriggerConfig(form=form)),
+        planner=replace(straight.planner, enabled=True),
+    )
+    loop = build_loop(config, supervision(config, build_planner(config)))
+    loop.reset(seed=0)
+    stop = loop.limits.to_action(np.zeros(2))
+    steps = [loop.step(stop)[-1] for _ in range(100)]
+    loop.close()
+    alone = [info["blend_weight"] == 1.0 for info in steps if info["triggered"]]
+    assert any(alone) == hands_over
+    speeds = [info["executed_command"][1] for info in steps]
+    assert (max(speeds[50:]) > loop.city.config.initial_speed / 4) == hands_over
+
+
+def test_the_loop_asks_before_the_shield_has_to_act(straight: RunConfig) -> None:
+    """Towards an obstacle: by prediction the state is risky some steps before the first change."""
+    loop = build_loop(straight, supervision(straight, None))
+    loop.reset(seed=0)
+    ahead = loop.limits.to_action(np.array([0.0, 6.0]))
+    infos = [loop.step(ahead)[-1] for _ in range(200)]
+    loop.close()
+    risky = next(i for i, info in enumerate(infos) if "shield" in info["risk"].reasons)
+    changed = next(i for i, info in enumerate(infos) if info["certificate"].intervened)
+    assert 2 <= changed - risky <= 12
 
 
 class OwnWrapper(gymnasium.Wrapper[Any, Any, Any, Any]):

@@ -21,12 +21,12 @@ from tests.shield.tiers import two_tiers
 
 CLEAR = ClearanceEstimate(20.0, 0.0, 0.05, 0.0, True)
 CENTRED = LaneEstimate(0.0, 0.0, 0.0, 0.0, 0.05, 0.0, True)
-QUICK = TriggerConfig(hold_time=0.0)
+PRINTED = TriggerConfig(form="printed")
 
 
 def verdict(clearance: ClearanceEstimate = CLEAR, lane: LaneEstimate = CENTRED) -> Any:
     """Return the first verdict of a fresh trigger."""
-    return RiskTrigger(QUICK, 0.1).update(clearance, lane)
+    return RiskTrigger(PRINTED, 0.1).update(clearance, lane)
 
 
 def test_each_reason_raises_risk_by_itself() -> None:
@@ -59,65 +59,48 @@ def test_the_passing_lane_is_not_a_deviation() -> None:
 
 def test_hysteresis_and_hold_time_end_the_verdict_late() -> None:
     """Above the threshold is not enough, and not for a moment only."""
-    trigger = RiskTrigger(TriggerConfig(hold_time=0.3), 0.1)
+    trigger = RiskTrigger(PRINTED, 0.1)
     assert trigger.update(replace(CLEAR, clearance=2.0), CENTRED).risky
     assert trigger.update(replace(CLEAR, clearance=3.3), CENTRED).reasons == ("clearance",)
-    holding = [trigger.update(CLEAR, CENTRED) for _ in range(4)]
-    assert [risk.reasons for risk in holding] == [("hold",)] * 3 + [()]
-    assert [risk.risky for risk in holding] == [True, True, True, False]
+    holding = [trigger.update(CLEAR, CENTRED) for _ in range(6)]
+    assert [risk.reasons for risk in holding] == [("hold",)] * 5 + [()]
+    assert [risk.risky for risk in holding] == [True] * 5 + [False]
     assert not trigger.update(replace(CLEAR, clearance=3.3), CENTRED).risky
     trigger.update(replace(CLEAR, clearance=2.0), CENTRED)
     trigger.reset()
     assert not trigger.update(CLEAR, CENTRED).risky
 
 
-def test_a_car_that_does_not_get_on_needs_help() -> None:
-    """After the stall time below the stall speed, until it drives again."""
-    trigger = RiskTrigger(TriggerConfig(stall_time=0.3, hold_time=0.0), 0.1)
-    standing = [trigger.update(CLEAR, CENTRED, speed).reasons for speed in (0.0, 0.9, -0.5, 0.0)]
-    assert standing == [(), (), (), ("stalled",)]
-    assert trigger.update(CLEAR, CENTRED, 0.9).risky
-    assert not trigger.update(CLEAR, CENTRED, 1.0).risky
-    assert not trigger.update(CLEAR, CENTRED, 0.0).risky
-    trigger.reset()
-    assert not any(trigger.update(CLEAR, CENTRED, 0.0).risky for _ in range(3))
-
-
-@pytest.mark.parametrize(("stall_time", "speed"), [(None, 0.0), (0.3, None), (0.3, math.nan)])
-def test_no_car_stalls_whose_speed_is_not_known_or_does_not_matter(
-    stall_time: float | None, speed: float | None
-) -> None:
-    """Without a stall time a car may stand as long as it likes."""
-    trigger = RiskTrigger(TriggerConfig(stall_time=stall_time), 0.1)
-    assert not any(trigger.update(CLEAR, CENTRED, speed).risky for _ in range(100))
-
-
-@pytest.mark.parametrize("side", [1.0, -1.0])
-def test_a_heading_that_leads_out_of_the_lanes_is_risky(side: float) -> None:
-    """Near the centre of an outermost lane or not; a change to the other lane leads nowhere out."""
-    config = TriggerConfig(hold_time=0.0, preview_time=1.0)
-    trigger = RiskTrigger(config, 0.1, (0.0, 3.5 * side))
-    out = replace(CENTRED, lateral_offset=3.6 * side, heading_error=0.4 * side)
-    inwards = replace(out, heading_error=-0.4 * side)
-    across = replace(CENTRED, lateral_offset=0.5 * side, heading_error=0.4 * side)
-    # 4 m/s at 0.4 rad are 1.56 m sideways in a second: to 5.16 m, 1.66 m beyond 3.5 m.
-    assert trigger.update(CLEAR, out, 4.0).reasons == ("leaving",)
-    assert trigger.update(CLEAR, out, 2.7).risky  # 1.15 m beyond: below the threshold of 1.2 m
-    assert not trigger.update(CLEAR, out, 2.2).risky  # 0.96 m: below the hysteresis, too
-    assert not trigger.update(CLEAR, out, 2.7).risky
-    for lane in (inwards, across):
-        assert not trigger.update(CLEAR, lane, 4.0).risky
-    for speed in (None, math.nan):
-        assert not trigger.update(CLEAR, out, speed).risky
-    never = RiskTrigger(replace(config, preview_time=None), 0.1, (0.0, 3.5 * side))
-    assert not never.update(CLEAR, out, 4.0).risky
-
-
-@pytest.mark.parametrize("heading", [math.nan, math.inf])
-def test_a_heading_that_is_not_finite_is_a_risk(heading: float) -> None:
-    """Where it may lead is not known."""
+def test_what_would_need_the_shield_is_risky_wherever_the_car_is() -> None:
+    """By prediction neither clearance nor deviation counts by itself."""
     trigger = RiskTrigger(TriggerConfig(), 0.1)
-    assert trigger.update(CLEAR, replace(CENTRED, heading_error=heading), 1.0).risky
+    near, aside = replace(CLEAR, clearance=0.7), replace(CENTRED, lateral_offset=1.7)
+    assert not trigger.update(near, aside, 4.0).risky
+    assert trigger.update(CLEAR, CENTRED, 4.0, needs_shield=True).reasons == ("shield",)
+    assert not RiskTrigger(PRINTED, 0.1).update(CLEAR, CENTRED, 4.0, needs_shield=True).risky
+
+
+def test_a_car_that_does_not_get_on_needs_help() -> None:
+    """After four seconds below the stall speed, until it drives again."""
+    trigger = RiskTrigger(TriggerConfig(), 0.1)
+    speeds = [0.0, 0.9, -0.5, 0.0] * 10 + [0.0]
+    standing = [trigger.update(CLEAR, CENTRED, speed).reasons for speed in speeds]
+    assert standing == [()] * 40 + [("stalled",)]
+    assert trigger.update(CLEAR, CENTRED, 0.9).reasons == ("stalled",)
+    assert trigger.update(CLEAR, CENTRED, 1.0).reasons == ("hold",)
+    trigger.reset()
+    assert not any(trigger.update(CLEAR, CENTRED, 0.0).risky for _ in range(40))
+
+
+@pytest.mark.parametrize(
+    ("config", "speed"), [(PRINTED, 0.0), (TriggerConfig(), math.inf), (TriggerConfig(), math.nan)]
+)
+def test_no_car_stalls_as_printed_or_whose_speed_is_not_known(
+    config: TriggerConfig, speed: float
+) -> None:
+    """It may stand as long as it likes."""
+    trigger = RiskTrigger(config, 0.1)
+    assert not any(trigger.update(CLEAR, CENTRED, speed).risky for _ in range(100))
 
 
 @two_tiers(values=st.lists(NASTY, min_size=6, max_size=6), valid=st.booleans())
@@ -136,14 +119,9 @@ def test_an_estimate_that_is_not_finite_is_a_risk(values: list[float], valid: bo
         ("clearance", 0.0),
         ("clearance", math.nan),
         ("clearance", "near"),
-        ("sigma_factor", None),
         ("lane_deviation", -1.0),
-        ("sigma_factor", -1.0),
-        ("clearance_hysteresis", math.nan),
-        ("lane_hysteresis", 1.2),
-        ("hold_time", -0.1),
-        ("stall_time", -4.0),
-        ("preview_time", 0.0),
+        ("lane_deviation", 0.2),
+        ("form", "other"),
     ],
 )
 def test_impossible_thresholds_raise(field: str, value: Any) -> None:
@@ -151,7 +129,7 @@ def test_impossible_thresholds_raise(field: str, value: Any) -> None:
     with pytest.raises(InvalidLimits, match=f"`{field}`.*Got"):
         TriggerConfig(**{field: value})
     with pytest.raises(InvalidLimits, match="`dt`"):
-        RiskTrigger(QUICK, 0.0)
+        RiskTrigger(PRINTED, 0.0)
     with pytest.raises(InvalidLimits, match="`config`.*None"):
         RiskTrigger(None, 0.1)  # type: ignore[arg-type]
 
@@ -160,9 +138,9 @@ def test_impossible_thresholds_raise(field: str, value: Any) -> None:
 def test_impossible_lane_centres_raise(centres: Any) -> None:
     """Naming the argument and its value."""
     with pytest.raises(InvalidLimits, match="`lane_centres`.*Got"):
-        RiskTrigger(QUICK, 0.1, centres)
+        RiskTrigger(PRINTED, 0.1, centres)
     with pytest.raises(InvalidProblem, match="`lane_centres`.*numbers"):
-        RiskTrigger(QUICK, 0.1, ("left",))  # type: ignore[arg-type]
+        RiskTrigger(PRINTED, 0.1, ("left",))  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize(
@@ -178,14 +156,14 @@ def test_impossible_lane_centres_raise(centres: Any) -> None:
 def test_wrong_types_raise(name: str, arguments: Any) -> None:
     """Naming the argument."""
     with pytest.raises(InvalidProblem, match=f"`{name}`.*Got"):
-        RiskTrigger(QUICK, 0.1).update(*arguments)
+        RiskTrigger(PRINTED, 0.1).update(*arguments)
 
 
 def test_wider_lanes_have_other_centres() -> None:
     """The same offset is near the passing lane's centre, or between the lanes."""
     lane = replace(CENTRED, lateral_offset=4.9)
     risks = [
-        RiskTrigger(QUICK, 0.1, LaneGeometry(width).centres).update(CLEAR, lane)
+        RiskTrigger(PRINTED, 0.1, LaneGeometry(width).centres).update(CLEAR, lane)
         for width in (3.5, 5.0)
     ]
     assert [risk.risky for risk in risks] == [True, False]

@@ -32,7 +32,7 @@ def tiny_config() -> RunConfig:
         config,
         env=replace(config.env, route_length=80.0, route_spread=0.0, time_limit=2.0),
         planner=replace(config.planner, width=8, sampling_steps=4),
-        shield=replace(config.shield, trigger=TriggerConfig(clearance=30.0)),
+        shield=replace(config.shield, trigger=TriggerConfig(form="printed", clearance=30.0)),
     )
 
 
