@@ -103,8 +103,12 @@ def _evaluate(unet: _Unet, noisy: Single, films: tuple[Film, ...], index: int) -
     batch, length, channels = full.shape
     joined = np.empty((batch, length, 2 * channels), np.float32)
     # Two half-length channels become two neighbouring full-length positions.
-    joined[:, :, :channels] = _convolve(half, unet.grow, 1).reshape(batch, length, channels)
-    joined[:, :, channels:] = full
+    half = _convolve(half, unet.grow, 1).reshape(batch, length, channels)
+    for sample in range(batch):
+        for place in range(length):
+            for c in range(channels):
+                joined[sample, place, c] = half[sample, place, c]
+                joined[sample, place, channels + c] = full[sample, place, c]
     return _convolve(_residual(unet.up, joined, up, index), unet.out, 1)
 
 
@@ -132,9 +136,13 @@ def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
         for tap in range(size):
             source = place * stride + tap - size // 2
             if 0 <= source < length:
-                windows[:, place, tap * inputs : (tap + 1) * inputs] = x[:, source]
+                for sample in range(batch):
+                    for c in range(inputs):
+                        windows[sample, place, tap * inputs + c] = x[sample, source, c]
     product = np.dot(windows.reshape(batch * count, -1), layer.weight)
-    product += layer.bias
+    for row in product:
+        for c in range(len(row)):
+            row[c] += layer.bias[c]
     return product.reshape(batch, count, -1)
 
 

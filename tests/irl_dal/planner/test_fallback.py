@@ -6,6 +6,7 @@ import subprocess
 import sys
 import time
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +74,10 @@ NUMBERS = st.one_of(st.floats(), st.floats(-50.0, 50.0))
 """Any float64, half of the time one that could be meant."""
 
 
-HASTY = planner(width=4, sampling_steps=2)
+@lru_cache(maxsize=1)
+def hasty() -> DiffusionPlanner:
+    """A small planner, made where it is used: collecting the tests need not compile its code."""
+    return planner(width=4, sampling_steps=2)
 
 
 @settings(max_examples=200, deadline=None)
@@ -99,7 +103,7 @@ def test_no_value_makes_planning_raise(
         speed=speed,
         previous=np.array(previous),
     )
-    plan = HASTY.plan(scene)
+    plan = hasty().plan(scene)
     assert plan.actions.shape == (HORIZON, 2)
     assert bool(np.all((plan.actions >= LIMITS.low) & (plan.actions <= LIMITS.high)))
     if LIMITS.is_admissible(previous):
