@@ -85,8 +85,7 @@ class FastDenoiser:
             table = _array(self._network.condition(self._steps, shared))
         ends = np.cumsum(2 * np.array(self._network.film_channels))
         pairs = (np.split(part, 2, axis=1) for part in np.split(table, ends[:-1], axis=1))
-        one = np.float32(1.0)
-        return tuple(Film(one + scale, np.ascontiguousarray(shift)) for scale, shift in pairs)
+        return tuple(Film(1.0 + scale, np.ascontiguousarray(shift)) for scale, shift in pairs)
 
     def predict(self, noisy: NDArray[np.float64], films: tuple[Film, ...], index: int) -> Single:
         """The network's output (B, H, 2) for x_k (B, H, 2) of reverse step `index`."""
@@ -104,11 +103,8 @@ def _evaluate(unet: _Unet, noisy: Single, films: tuple[Film, ...], index: int) -
     joined = np.empty((batch, length, 2 * channels), np.float32)
     # Two half-length channels become two neighbouring full-length positions.
     half = _convolve(half, unet.grow, 1).reshape(batch, length, channels)
-    for sample in range(batch):
-        for place in range(length):
-            for c in range(channels):
-                joined[sample, place, c] = half[sample, place, c]
-                joined[sample, place, channels + c] = full[sample, place, c]
+    for b, i, c in np.ndindex(full.shape):
+        joined[b, i, c], joined[b, i, channels + c] = half[b, i, c], full[b, i, c]
     return _convolve(_residual(unet.up, joined, up, index), unet.out, 1)
 
 
@@ -119,10 +115,7 @@ def _residual(block: _Block, x: Single, film: Film, index: int) -> Single:
     _activate(hidden, film.scale[index], film.shift[index])
     hidden = _convolve(hidden, block.second, 1)
     _activate(hidden, block.gain, np.zeros_like(block.gain))
-    if block.skip.weight.size:
-        hidden += _convolve(x, block.skip, 1)
-    else:
-        hidden += x
+    hidden += _convolve(x, block.skip, 1) if block.skip.weight.size else x
     return hidden
 
 
@@ -136,13 +129,11 @@ def _convolve(x: Single, layer: _Layer, stride: int) -> Single:
         for tap in range(size):
             source = place * stride + tap - size // 2
             if 0 <= source < length:
-                for sample in range(batch):
+                for b in range(batch):
                     for c in range(inputs):
-                        windows[sample, place, tap * inputs + c] = x[sample, source, c]
+                        windows[b, place, tap * inputs + c] = x[b, source, c]
     product = np.dot(windows.reshape(batch * count, -1), layer.weight)
-    for row in product:
-        for c in range(len(row)):
-            row[c] += layer.bias[c]
+    product += layer.bias
     return product.reshape(batch, count, -1)
 
 

@@ -83,7 +83,6 @@ def _deviation(
             doffset[b, i] = 2.0 * weight / horizon * error
             dheading[b, i] = doffset[b, i] * seen * math.cos(road.heading[b, i])
     gradient = road_gradient(road, doffset, dheading)
-    for b in range(batch):
-        for i in range(horizon):
-            gradient[b, i, 1] += PREVIEW * doffset[b, i] * math.sin(road.heading[b, i])
+    for b, i in np.ndindex(batch, horizon):
+        gradient[b, i, 1] += PREVIEW * doffset[b, i] * math.sin(road.heading[b, i])
     return value, gradient
