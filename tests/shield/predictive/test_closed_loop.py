@@ -6,19 +6,19 @@ from tests.shield.predictive.scenes import drivers, roads, yards
 from tests.shield.tiers import two_tiers
 
 
-@two_tiers(fast=12, slow=5_000, world=roads(), driver=drivers())
+@two_tiers(fast=8, slow=5_000, world=roads(), driver=drivers())
 def test_on_the_road(world: KinematicWorld, driver: Driver) -> None:
     """P0: things, people and vehicles that keep their lanes; any wishes."""
     assert drive(world, shared_filter(), driver, 100).faults == []
 
 
-@two_tiers(fast=6, slow=2_500, world=roads(), driver=drivers())
+@two_tiers(fast=4, slow=2_500, world=roads(), driver=drivers())
 def test_on_the_road_where_everything_moves(world: KinematicWorld, driver: Driver) -> None:
     """P1: the same world."""
     assert drive(world, shared_filter(level="P1"), driver, 100).faults == []
 
 
-@two_tiers(fast=12, slow=2_500, world=yards(), driver=drivers(fastest=3.0))
+@two_tiers(fast=8, slow=2_500, world=yards(), driver=drivers(fastest=3.0))
 def test_without_lanes(world: KinematicWorld, driver: Driver) -> None:
     """A small robot with a 270 degree scanner among things and people."""
     assert drive(world, robot_filter(270), driver, 100).faults == []

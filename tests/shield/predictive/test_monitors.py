@@ -81,7 +81,9 @@ def on_the_road() -> list[Thing]:
     ]
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    "seed", [0, 1, *(pytest.param(more, marks=pytest.mark.slow) for more in (2, 3))]
+)
 def test_nothing_is_raised_while_everything_holds(seed: int) -> None:
     """With noise, among all that moves as it may: in less than one step of a hundred."""
     world = KinematicWorld(on_the_road(), rng=np.random.default_rng(seed), speed=5.0)

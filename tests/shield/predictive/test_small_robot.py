@@ -16,7 +16,8 @@ from tests.shield.predictive.kinematic_world import (
 )
 from tests.shield.predictive.scenes import small_robot
 
-COUNTS = [45, 90, 270, 360, 1080]
+SLOW = pytest.mark.slow
+COUNTS = [45, 270, 1080, *(pytest.param(more, marks=SLOW) for more in (90, 360))]
 
 
 def posts() -> list[Thing]:
@@ -60,7 +61,9 @@ def test_people_around_a_robot(beams: int) -> None:
     assert record.faults == []
 
 
-@pytest.mark.parametrize("beams", [45, 90, 360, 1080])
+@pytest.mark.parametrize(
+    "beams", [45, 1080, *(pytest.param(more, marks=SLOW) for more in (90, 360))]
+)
 @pytest.mark.parametrize("distance", [12.0, 25.0])
 def test_the_car_stops_before_a_wall_with_any_scanner(beams: int, distance: float) -> None:
     """A few beams or a thousand, half a turn or a whole one."""
