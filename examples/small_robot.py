@@ -89,11 +89,11 @@ def drive(env: gymnasium.Env, steps: int) -> str:
     return f"{way:.0f} m in {steps} steps, {hits} contacts while it moved"
 
 
-def main() -> None:
+def main(steps: int = 1000) -> None:
     """Without the filter, then with it."""
     shield = PredictiveFilter(LIMITS, BODY, SCANNER, Assumptions(understeer=0.0))
-    print("without the filter:", drive(Yard(), 1000))
-    print("with it:           ", drive(ShieldedEnv(Yard(), shield, sense=sense), 1000))
+    print("without the filter:", drive(Yard(), steps))
+    print("with it:           ", drive(ShieldedEnv(Yard(), shield, sense=sense), steps))
 
 
 if __name__ == "__main__":

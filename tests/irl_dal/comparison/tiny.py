@@ -26,11 +26,11 @@ TINY = ComparisonConfig(
 
 
 def tiny_config() -> RunConfig:
-    """Drives of two seconds; the planner is triggered by anything within 30 m."""
+    """Drives of a second and a half; the planner is triggered by anything within 30 m."""
     config = RunConfig()
     return replace(
         config,
-        env=replace(config.env, route_length=80.0, route_spread=0.0, time_limit=2.0),
+        env=replace(config.env, route_length=80.0, route_spread=0.0, time_limit=1.4),
         planner=replace(config.planner, width=8, sampling_steps=4),
         shield=replace(config.shield, trigger=TriggerConfig(form="printed", clearance=30.0)),
     )

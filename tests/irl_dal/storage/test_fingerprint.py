@@ -4,7 +4,9 @@ from pathlib import Path
 
 import pytest
 
+import expert
 import irl_dal
+import shield
 from irl_dal.storage import result_store as module
 from irl_dal.storage.result_store import code_fingerprint, fingerprint
 
@@ -22,17 +24,20 @@ def test_it_changes_with_texts_and_files(tmp_path: Path) -> None:
 
 @pytest.fixture
 def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A tiny package in the place of ours."""
+    """Tiny packages in the place of ours: the folder of `irl_dal`."""
     for name, text in (
+        ("../expert/fsm.py", "GAIN = 1.0\n"),
+        ("../shield/limits.py", "BOUND = 1.0\n"),
         ("loop.py", '"""Title."""\n\nSPEED = 1.0  # [m/s]\n"""Why."""\n'),
         ("envs/car.urdf", "<robot/>"),
         ("figures/page.py", "COLOUR = 1\n"),
     ):
-        (tmp_path / name).parent.mkdir(exist_ok=True)
-        (tmp_path / name).write_text(text)
-    monkeypatch.setattr(irl_dal, "__path__", [str(tmp_path)])
+        (tmp_path / "irl_dal" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "irl_dal" / name).write_text(text)
+    for ours in (irl_dal, expert, shield):
+        monkeypatch.setattr(ours, "__path__", [str(tmp_path / ours.__name__)])
     assert module.irl_dal is irl_dal
-    return tmp_path
+    return tmp_path / "irl_dal"
 
 
 @pytest.mark.parametrize(
@@ -46,6 +51,8 @@ def package(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         ("loop.py", 'SPEED = 1.0\nNAME = "Title."\n', True),
         ("envs/car.urdf", "<robot name='car'/>", True),
         ("envs/new.py", "ANYTHING = 0\n", True),
+        ("../expert/fsm.py", "GAIN = 2.0\n", True),
+        ("../shield/limits.py", "BOUND = 2.0\n", True),
     ],
 )
 def test_code_counts_as_it_is_executed(package: Path, name: str, text: str, changes: bool) -> None:

@@ -94,7 +94,9 @@ def test_the_clearance_does_not_become_negative(rng: np.random.Generator) -> Non
         assert tracker.update(None).clearance >= 0.0
 
 
-@two_tiers(values=st.lists(st.lists(NASTY, min_size=12, max_size=12), min_size=1, max_size=6))
+@two_tiers(
+    fast=200, values=st.lists(st.lists(NASTY, min_size=12, max_size=12), min_size=1, max_size=6)
+)
 def test_any_scan_leaves_the_tracker_finite(values: list[list[float]]) -> None:
     """NaN, infinities and huge values never reach the state."""
     tracker = ClearanceTracker(DT)

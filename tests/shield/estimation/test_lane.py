@@ -93,7 +93,7 @@ def test_outliers_are_rejected_until_they_insist() -> None:
     assert estimates[-1].lateral_offset == pytest.approx(3.0, abs=0.2)
 
 
-@two_tiers(motion=st.lists(st.tuples(NASTY, NASTY), min_size=1, max_size=6))
+@two_tiers(fast=200, motion=st.lists(st.tuples(NASTY, NASTY), min_size=1, max_size=6))
 def test_any_motion_leaves_the_lane_tracker_finite(motion: list[tuple[float, float]]) -> None:
     """NaN, infinities and speeds of no vehicle never reach the state, and it recovers."""
     tracker = LaneTracker(DT)
