@@ -1,20 +1,18 @@
-"""Pedestrians: narrow clusters that move sideways, or stand where no barrel stands.
-
-`shield.ClusterTracker` follows the clusters in a frame that does not jump with the lane estimate.
-"""
+"""Pedestrians: narrow clusters that move sideways, or stand where no barrel stands."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from expert.lane_map import LaneMap
-from shield import ClusterTracker, Track
-from shield.estimation.clusters import GRAZE
+from shield import Track
+from shield.estimation.clusters import MEMORY, SEPARATION
+from shield.world.world import PERSON_WIDTH
 
-MAX_WIDTH = 1.0  # [m] wider clusters are vehicles or walls
-SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
-MEMORY = 10  # [scans] that a velocity is fitted to: one second
+GRAZE = 4.5  # [m] to something wide within which a single hit is its flank: beams along it hit it
+# metres apart, while a pedestrian so near that it matters is two beams wide
 MIN_SIGHTINGS = 3  # [scans] before a place alone is evidence
 FORGET_AFTER = 10  # [scans] without a sighting; the tracker gives up earlier
 MAX_DISTANCE = 34.0  # [m] further ahead a pedestrian is one or two beams wide
@@ -63,31 +61,26 @@ class Pedestrian:
 
 
 class CrossingWatch:
-    """Tells pedestrians from other narrow clusters that are followed from scan to scan, `dt` [s].
+    """Tells pedestrians from other narrow clusters that are followed from scan to scan."""
 
-    `mount` leads from the rear axle to the scanner [m].
-    """
-
-    def __init__(self, dt: float, mount: float) -> None:
-        self._tracker = ClusterTracker(
-            dt, mount, width=MAX_WIDTH, separation=SEPARATION, memory=MEMORY
-        )
+    def __init__(self) -> None:
         self.reset()
 
     def reset(self) -> None:
         """Forget the episode."""
-        self._tracker.reset()
         self._scans = 0
         self._judgements: dict[int, _Judgement] = {}
 
-    def update(self, lanes: LaneMap, speed: float, yaw_rate: float) -> list[Pedestrian]:
-        """Take a scan; pedestrians on the own direction's lanes and their edges.
+    def update(self, lanes: LaneMap, tracks: Sequence[Track]) -> list[Pedestrian]:
+        """Take a scan's map and tracks; pedestrians on the own direction's lanes and their edges.
 
-        `speed` [m/s] and `yaw_rate` [rad/s] are the car's since the last scan.
+        The rows of the tracks are those of the map.
         """
         self._scans += 1
         people = []
-        for track in self._tracker.update(lanes.points, speed, yaw_rate):
+        for track in tracks:
+            if track.width >= PERSON_WIDTH:
+                continue
             rows = slice(track.first, track.last + 1)
             s, d = float(lanes.s[rows].mean()), float(lanes.d[rows].mean())
             near = RIGHT_END - APPROACH < d < LEFT_END + APPROACH

@@ -25,15 +25,13 @@ class LaneMap:
 
     s: Array  # Distance along the lane from the scanner (n,) [m]
     d: Array  # Offset to the left of the home lane's centre (n,) [m]
-    points: Array  # The same points in the scanner's frame (n, 2) [m], in the order of the beams
     lane: LaneEstimate  # The lane that they were placed in
     mount: float  # From the rear axle to the scanner [m]
 
     def without(self, s: float, d: float, radius: float) -> Self:
         """The map without the points around (s, d) [m]."""
         keep = np.hypot(self.s - s, self.d - d) > radius
-        s_kept, d_kept, points = self.s[keep], self.d[keep], self.points[keep]
-        return replace(self, s=s_kept, d=d_kept, points=points)
+        return replace(self, s=self.s[keep], d=self.d[keep])
 
     def heading_at(self, s: float) -> float:
         """Direction of the lane at `s` [m] from the scanner, relative to the car's [rad]."""
@@ -48,6 +46,14 @@ class LaneMap:
         bearing = scanner.angles[hit]
         points = ranges[hit, None] * np.stack([np.cos(bearing), np.sin(bearing)], axis=1)
         points[:, 0] += scanner.mount
+        return cls.place(points, lane, scanner.mount)
+
+    @classmethod
+    def place(cls, points: Array, lane: LaneEstimate, mount: float) -> Self:
+        """Place points (n, 2) [m] in the frame of the rear axle in the home lane.
+
+        `mount` leads from there to the scanner [m].
+        """
         along = np.arange(-BEHIND, AHEAD + SPACING, SPACING)
         heading = lane.curvature * along + 0.5 * lane.curvature_rate * along**2 - lane.heading_error
         step = np.stack([np.cos(heading), np.sin(heading)], axis=1)
@@ -61,8 +67,7 @@ class LaneMap:
         tangent, rest = step[nearest], gap[rows, nearest]
         s = along[nearest] + np.einsum("nk,nk->n", tangent, rest)
         d = tangent[:, 0] * rest[:, 1] - tangent[:, 1] * rest[:, 0]
-        points[:, 0] -= scanner.mount
-        return cls(s - scanner.mount, d, points, lane, scanner.mount)
+        return cls(s - mount, d, lane, mount)
 
     def gap(self, centre: float, half_width: float, start: float = 0.0) -> float:
         """Free distance from `start` on [m] in the strip around offset `centre` [m]."""

@@ -56,8 +56,7 @@ def build_loop(
 ) -> ControlLoop:
     """The city, the expert and the control loop around them."""
     city = CityEnv(config.env, config.limits, render_mode)
-    scanner, vehicle = config.env.scanner, config.env.vehicle
-    expert = FSMExpert(config.expert, config.limits, scanner=scanner, vehicle=vehicle)
+    expert = FSMExpert(config.expert, config.limits)
     return ControlLoop(city, expert, supervision, config.shield.trigger)
 
 

@@ -272,10 +272,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         before = info.get("previous_command", self._previous)
         ends, wheelbase = (before[0], self._previous[0]), self.limits.wheelbase
         yaw_rate = yaw_rate_between(*ends, speed, wheelbase)
-        self._distance = self._clearance.update(scan, speed)
         lane = self._lane.update(info["lane_measurement"], speed, yaw_rate)
         self.world.update(scan, speed, yaw_rate, lane)
-        self._decision: ExpertDecision = self._expert.act(scan, lane, speed, self._previous)
+        self._distance = self._clearance.update(self.world.clean)
+        self._decision: ExpertDecision = self._expert.act(self.world, lane, self._previous)
         if self.render_mode is not None:
             risk, text = self._risk, self._decision.mode.name.lower().replace("_", " ")
             if risk.risky:

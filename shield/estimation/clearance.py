@@ -12,7 +12,7 @@ from filterpy.kalman import KalmanFilter
 from numpy.typing import ArrayLike
 
 from shield.errors import InvalidProblem, check_positive
-from shield.estimation.scan import DEFAULT_SCANNER, ScanFilter
+from shield.estimation.scan import DEFAULT_SCANNER, CleanScan, ScanFilter
 
 __all__ = ["ClearanceEstimate", "ClearanceTracker"]
 
@@ -82,18 +82,23 @@ class ClearanceTracker:
         self._restart(self._max_range)
 
     @np.errstate(all="ignore")
-    def update(self, scan: ArrayLike | None, speed: float | None = None) -> ClearanceEstimate:
+    def update(
+        self, scan: ArrayLike | CleanScan | None, speed: float | None = None
+    ) -> ClearanceEstimate:
         """Advance by one period.
 
         Args:
-            scan: Ranges [m], shape (n,), as in `ScanFilter.examine`; None when there is no scan.
+            scan: Ranges [m], shape (n,), as in `ScanFilter.examine`, or what that has made of them;
+                None when there is no scan.
             speed: Own speed [m/s], if known: a scan that repeats itself bit by bit while driving
                 comes from a dead sensor.
 
         Raises:
             InvalidProblem: `scan` is not one-dimensional or is empty.
         """
-        measured = None if scan is None else self._scan_filter.nearest(scan, speed)
+        if scan is not None and not isinstance(scan, CleanScan):
+            scan = self._scan_filter.examine(scan, speed)
+        measured = None if scan is None else scan.nearest
         kalman = self._filter
         kalman.predict()
         self._age += self._dt

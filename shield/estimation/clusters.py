@@ -15,10 +15,12 @@ from numpy.typing import NDArray
 
 from shield.errors import Array, InvalidProblem, as_array, check_numbers, check_positive
 
-__all__ = ["GRAZE", "ClusterTracker", "Track"]
+__all__ = ["ClusterTracker", "Track"]
 
-GRAZE = 4.5  # [m] to something wide within which a single hit is its flank: beams along it hit it
-# metres apart, while a pedestrian so near that it matters is two beams wide
+SEPARATION = 0.8  # [m] between neighbouring points that ends a cluster
+REACH = 0.9  # [m] that a cluster may move between two scans
+MEMORY = 10  # [scans] that a velocity is fitted to: one second
+MAX_MISSED_SCANS = 3  # in a row, after which a track ends
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,8 +31,9 @@ class Track:
         number: Identifies the object as long as it is tracked.
         position: Mean of its points (2,), in the frame of the points [m].
         velocity: Over the ground (2,), along the axes of that frame [m/s]; 0 after one sighting.
-        sightings: Positions that the velocity comes from.
+        sightings: Positions that the velocity comes from, at most `MEMORY`.
         first, last: Rows of its first and last point.
+        width: Distance between those two [m].
     """
 
     number: int
@@ -39,6 +42,7 @@ class Track:
     sightings: int
     first: int
     last: int
+    width: float
 
 
 @dataclass(slots=True)
@@ -58,10 +62,6 @@ class ClusterTracker:
         dt: Time between two scans [s].
         mount: From the rear axle to the origin of the points [m].
         width: Clusters at least so wide are not tracked [m].
-        separation: Distance between neighbouring points that ends a cluster [m].
-        reach: How far a cluster may move between two scans [m].
-        memory: Positions kept of each.
-        max_missed_scans: Scans in a row that may miss a cluster before its track ends.
 
     Raises:
         InvalidProblem: A length or time is not positive.
@@ -70,17 +70,12 @@ class ClusterTracker:
     dt: float
     mount: float
     width: float = 1.0
-    separation: float = 0.8
-    reach: float = 0.9
-    memory: int = 10
-    max_missed_scans: int = 3
     _pose: tuple[float, float, float] = field(init=False)
     _histories: list[_History] = field(init=False)
     _count: int = field(init=False)
 
     def __post_init__(self) -> None:
-        for name in ("dt", "width", "separation", "reach", "memory"):
-            check_positive(InvalidProblem, **{name: getattr(self, name)})
+        check_positive(InvalidProblem, dt=self.dt, width=self.width)
         self.reset()
 
     def reset(self) -> None:
@@ -107,15 +102,15 @@ class ClusterTracker:
         self._move(speed, yaw_rate)
         for history in self._histories:
             history.missed += 1
-        first, last = self._clusters(points)
+        first, last, width = self._clusters(points)
         sizes = (last - first + 1)[:, None]
         # Every other sum is that of the points between two narrow clusters.
         bounds = np.stack([first, last + 1], axis=1).ravel()
         sums = np.add.reduceat(np.append(points, [[0.0, 0.0]], axis=0), bounds, axis=0)[::2]
-        rows = zip(sums / sizes, first.tolist(), last.tolist(), strict=True)
+        rows = zip(sums / sizes, first.tolist(), last.tolist(), width.tolist(), strict=True)
         tracks = [self._track(*row) for row in rows]
         self._histories = [
-            history for history in self._histories if history.missed <= self.max_missed_scans
+            history for history in self._histories if history.missed <= MAX_MISSED_SCANS
         ]
         return tracks
 
@@ -126,18 +121,19 @@ class ClusterTracker:
         ahead, left = driven * math.cos(middle), driven * math.sin(middle)
         self._pose = x + ahead, y + left, yaw + yaw_rate * self.dt
 
-    def _clusters(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-        """Rows (n,) of the first and of the last point of every narrow cluster."""
+    def _clusters(self, points: Array) -> tuple[NDArray[np.int64], NDArray[np.int64], Array]:
+        """Rows (n,) of the first and last points of narrow clusters, and their widths (n,) [m]."""
         if not len(points):
-            return np.zeros(0, np.int64), np.zeros(0, np.int64)
+            return np.zeros(0, np.int64), np.zeros(0, np.int64), np.zeros(0)
         steps = np.diff(points, axis=0)
-        (ends,) = np.nonzero(np.hypot(steps[:, 0], steps[:, 1]) > self.separation)
+        (ends,) = np.nonzero(np.hypot(steps[:, 0], steps[:, 1]) > SEPARATION)
         first, last = np.append(0, ends + 1), np.append(ends, len(points) - 1)
         across = points[last] - points[first]
-        narrow = np.hypot(across[:, 0], across[:, 1]) < self.width
-        return first[narrow], last[narrow]
+        width = np.hypot(across[:, 0], across[:, 1])
+        narrow = width < self.width
+        return first[narrow], last[narrow], width[narrow]
 
-    def _track(self, position: Array, first: int, last: int) -> Track:
+    def _track(self, position: Array, first: int, last: int, width: float) -> Track:
         """Match a cluster with a track, or begin a new one."""
         x, y, yaw = self._pose
         cos, sin = math.cos(yaw), math.sin(yaw)
@@ -148,15 +144,16 @@ class ClusterTracker:
         history.missed = 0
         east, north = self._slope(history.positions)
         velocity = np.array([cos * east + sin * north, cos * north - sin * east])
-        return Track(history.number, position, velocity, len(history.positions), first, last)
+        count = len(history.positions)
+        return Track(history.number, position, velocity, count, first, last, width)
 
     def _match(self, position: tuple[float, float]) -> _History:
         free = [history for history in self._histories if history.missed]
         pairs = [(math.dist(history.positions[-1], position), history) for history in free]
-        near = [pair for pair in pairs if pair[0] < self.reach]
+        near = [pair for pair in pairs if pair[0] < REACH]
         if near:
             return min(near, key=lambda pair: pair[0])[1]
-        history = _History(self._count, deque(maxlen=self.memory))
+        history = _History(self._count, deque(maxlen=MEMORY))
         self._count += 1
         self._histories.append(history)
         return history

@@ -96,9 +96,19 @@ class CleanScan:
     frozen: bool
     usable: bool
 
+    @property
+    def nearest(self) -> float | None:
+        """The supported minimum [m], at most the maximum range; None when the scan is unusable."""
+        if not self.usable:
+            return None
+        width = min(WINDOW, self.ranges.size)
+        windows = np.lib.stride_tricks.sliding_window_view(self.ranges, width)
+        kth = min(SUPPORT, width) - 1
+        return float(np.partition(windows, kth, axis=1)[:, kth].min())
+
 
 class ScanFilter:
-    """Finds the defects of scans, and their supported minimum.
+    """Finds the defects of scans.
 
     A beam that repeats the same range bit by bit while the scene around it changes is stuck. It is
     removed unless its neighbours are stuck with it: several beams that agree may be a car ahead at
@@ -117,19 +127,6 @@ class ScanFilter:
         self._repeats = np.zeros(0, dtype=np.int64)
         self._repeated: Mask = np.zeros(0, dtype=np.bool_)
         self._frozen = 0
-
-    def nearest(self, scan: ArrayLike, speed: float | None = None) -> float | None:
-        """Return the supported minimum [m], at most `max_range`; None when the scan is unusable.
-
-        Arguments and errors are those of `examine`.
-        """
-        clean = self.examine(scan, speed)
-        if not clean.usable:
-            return None
-        width = min(WINDOW, clean.ranges.size)
-        windows = np.lib.stride_tricks.sliding_window_view(clean.ranges, width)
-        kth = min(SUPPORT, width) - 1
-        return float(np.partition(windows, kth, axis=1)[:, kth].min())
 
     def examine(self, scan: ArrayLike, speed: float | None = None) -> CleanScan:
         """Return the scan without its defects, and which beams have them.

@@ -118,7 +118,9 @@ class World:
         corridor: The road, as far as it is known; None where there are no lanes.
         speed: Own speed [m/s].
         flags: What could not be trusted in the newest scan.
-        reading: What it was, and tracks: its clusters; for monitors.
+        clean: That scan without its defects; its hits are the rows of the tracks.
+        tracks: Its clusters; none of a scan that repeats itself.
+        reading: What it was, for monitors.
     """
 
     def __init__(
@@ -154,6 +156,7 @@ class World:
         self.flags: tuple[str, ...] = ()
         self.reading: Reading | None = None
         self.tracks: list[Track] = []
+        self.clean = self._scan_filter.examine(np.full(self.scanner.beams, np.nan))
 
     def update(
         self, scan: ArrayLike, speed: float, yaw_rate: float, lane: LaneEstimate | None = None
@@ -176,7 +179,7 @@ class World:
         yaw_rate = float(yaw_rate) if math.isfinite(yaw_rate) else 0.0
         if self.lanes is not None:
             self.corridor = Corridor.around(lane, self.lanes)
-        clean = self._scan_filter.examine(ranges, self.speed)
+        self.clean = clean = self._scan_filter.examine(ranges, self.speed)
         remembered = self._carry(self.speed, yaw_rate)
         hits = self.scanner.returned(clean.ranges)
         unseen = np.full(ranges.shape, clean.frozen) | ~_nearby(clean.working)
@@ -253,19 +256,20 @@ class World:
         wide = before.where((before.kind != Kind.PERSON) & (before.kind != Kind.GONE))
         self.tracks = self._tracker.update(points, speed, yaw_rate)
         for track in self.tracks:
-            rows = slice(track.first, track.last + 1)
-            number[rows] = track.number
             if past[0, track.first] and past[1, track.last] and track.number in self._rears:
                 # Seen as a whole: if it was wide, it was so together with something else.
                 self._rears[track.number].wide = False
-            if self._is_person(track, points, wide):
+        for track, piece in zip(self.tracks, self._pieces(wide).tolist(), strict=True):
+            rows = slice(track.first, track.last + 1)
+            number[rows] = track.number
+            if not piece and _may_walk(track):
                 kind[rows], error[rows] = Kind.PERSON, NEW_ERROR
                 if track.sightings >= FAIR:
                     velocity[rows] = track.velocity
                     error[rows] = FIRM_ERROR if track.sightings >= FIRM else FAIR_ERROR
                 continue
             rear, place = self._rears.setdefault(track.number, Rear()), float(along[rows].min())
-            rear.wide |= _is_wide(track, points)
+            rear.wide |= track.width >= PERSON_WIDTH
             if place > self.scanner.mount + REAR_SEEN:
                 rear.see(self._driven + place, self._dt)
             kind[rows], velocity[rows] = Kind.VEHICLE, (rear.pace, 0.0)
@@ -274,21 +278,19 @@ class World:
             placed, velocity, error, kind, number, np.zeros(count), np.zeros(count, np.int64)
         )
 
-    def _is_person(self, track: Track, points: Array, wide: Obstacles) -> bool:
-        """Whether a cluster is narrow, slow, and no piece of something wide.
+    def _pieces(self, wide: Obstacles) -> Mask:
+        """Which clusters (n,) are pieces of something wide.
 
         The end of a flank that comes into view seems to walk: `_mark_movers` tells the two apart.
         """
-        if _is_wide(track, points):
-            return False
-        pace = math.hypot(*track.velocity.tolist())
-        if track.sightings >= FIRM and pace >= PERSON_SPEED:
-            return False
-        middle = track.position + np.array([self.scanner.mount, 0.0])
-        before = self._rears.get(track.number)
-        if before is None or not before.wide:  # its own hits are no more evidence than it is
-            wide = wide.where(wide.number != track.number)
-        return not _near(middle[None], wide.points, PIECE)[0]
+        numbers = [track.number for track in self.tracks]
+        alone = [n not in self._rears or not self._rears[n].wide for n in numbers]
+        # Its own hits are no more evidence than it is.
+        apart = np.array([track.position for track in self.tracks]).reshape(-1, 1, 2) - wide.points
+        apart += np.array([self.scanner.mount, 0.0])
+        near = np.einsum("nmk,nmk->nm", apart, apart) < PIECE * PIECE
+        own = np.array(numbers, np.int64)[:, None] == wide.number
+        return np.asarray((near & ~(own & np.array(alone, np.bool_)[:, None])).any(axis=1))
 
     def _mark_movers(self, new: Obstacles) -> None:
         """Take hits that stand in free space for people, unless their vehicle rolls.
@@ -350,9 +352,10 @@ class World:
         self.frontier = self._place(self._known)[unseen]
 
 
-def _is_wide(track: Track, points: Array) -> bool:
-    """Whether a cluster of points (n, 2) is wider than a person."""
-    return math.dist(points[track.first], points[track.last]) >= PERSON_WIDTH
+def _may_walk(track: Track) -> bool:
+    """Whether a cluster is as narrow and as slow as a person."""
+    pace = math.hypot(*track.velocity.tolist())
+    return track.width < PERSON_WIDTH and (track.sightings < FIRM or pace < PERSON_SPEED)
 
 
 def _narrow_runs(points: Array) -> list[Array]:

@@ -312,6 +312,17 @@ def control_loop(config: RunConfig, env: Any) -> ControlLoop:
     return ControlLoop(env, expert, Supervision(), config.shield.trigger)
 
 
+def test_the_world_is_seen_whatever_the_supervision(straight: RunConfig) -> None:
+    """Without any, and of the newest scan."""
+    loop = control_loop(straight, build_loop(straight, Supervision()).city)
+    loop.reset(seed=0)
+    context = loop.step(np.zeros(2))[-1]["context"]
+    reading = loop.world.reading
+    loop.close()
+    assert reading is not None and np.array_equal(reading.scan, context.scan)
+    assert reading.lane is context.lane and loop.world.clean.usable
+
+
 def test_the_seed_of_a_reset_is_the_planner_s_too(straight: RunConfig) -> None:
     """Two drives of one seed plan alike, whatever the planner has drawn in between."""
     config = replace(straight, planner=replace(straight.planner, enabled=True, activation="always"))

@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from shield import ClearanceTracker, InvalidProblem
 from shield.bench.estimation import ScanFaults, simulate_drive, tracking_against_raw
+from shield.estimation.scan import ScanFilter
 from tests.shield.strategies import NASTY
 from tests.shield.tiers import two_tiers
 
@@ -32,6 +33,16 @@ def test_clearance_and_closing_speed_are_tracked(rng: np.random.Generator) -> No
     assert estimate.valid
     assert estimate.age == 0.0
     assert 0.0 < estimate.std < 0.1
+
+
+def test_a_scan_that_somebody_else_has_cleaned_says_the_same(rng: np.random.Generator) -> None:
+    """Also of a scanner that goes dead while the car drives."""
+    raw, cleaned, scans = ClearanceTracker(DT), ClearanceTracker(DT), ScanFilter(40.0)
+    ranges = [wall(30.0 - 0.5 * step, rng) for step in range(10)]
+    for scan in [*ranges, *[ranges[-1]] * 10]:
+        estimate = raw.update(scan, 5.0)
+        assert cleaned.update(scans.examine(scan, 5.0)) == estimate
+    assert not estimate.valid
 
 
 def test_a_new_obstacle_is_followed_within_the_same_step(rng: np.random.Generator) -> None:

@@ -68,6 +68,7 @@ def test_wide_things_are_not_followed() -> None:
     assert tracker.update(wall(-5.0), 0.0, 0.0) == []
     (track,) = tracker.update(np.concatenate([wall(-5.0), post(9.0, 4.0)]), 0.0, 0.0)
     assert (track.first, track.last) == (20, 22)
+    assert track.width == pytest.approx(0.2)
     assert track.position == pytest.approx([9.0, 4.0])
 
 
@@ -87,8 +88,8 @@ def test_a_thing_keeps_its_number_through_a_gap_and_a_new_one_gets_another() -> 
 
 def test_two_neighbours_are_not_confused() -> None:
     """Each of two posts within reach of each other is matched with the nearer place."""
-    tracker = ClusterTracker(DT, FORWARD, separation=0.3)
-    both = np.concatenate([post(9.0, 0.0), post(9.0, 0.8)])
+    tracker = ClusterTracker(DT, FORWARD)
+    both = np.array([[9.0, 0.0], [9.0, 0.85]])
     numbers = [[t.number for t in tracker.update(both, 0.0, 0.0)] for _ in range(3)]
     assert numbers[0] == numbers[1] == numbers[2]
     assert len(set(numbers[0])) == 2
@@ -103,7 +104,7 @@ def test_a_reset_forgets() -> None:
     assert track.sightings == 1
 
 
-@pytest.mark.parametrize("name", ["dt", "width", "separation", "reach", "memory"])
+@pytest.mark.parametrize("name", ["dt", "width"])
 def test_what_is_not_positive_is_refused(name: str) -> None:
     """The message names the argument and the value."""
     arguments = {"dt": DT, "mount": FORWARD, name: 0.0}

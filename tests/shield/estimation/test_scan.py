@@ -22,28 +22,28 @@ def with_beams(values: dict[int, float], base: np.ndarray = FREE) -> np.ndarray:
 def test_a_cluster_is_an_obstacle_and_a_lone_beam_is_not() -> None:
     """Three neighbours that agree are believed at once; one or two are not."""
     scans = ScanFilter(40.0)
-    assert scans.nearest(FREE) == 40.0
-    assert scans.nearest(with_beams({90: 2.0})) == 40.0
-    assert scans.nearest(with_beams({90: 2.0, 91: 2.1})) == 40.0
-    assert scans.nearest(with_beams({90: 2.0, 91: 2.1, 92: 2.2})) == 2.2
-    assert scans.nearest(with_beams({90: 2.0, 92: 2.1, 94: 2.2})) == 2.2
+    assert scans.examine(FREE).nearest == 40.0
+    assert scans.examine(with_beams({90: 2.0})).nearest == 40.0
+    assert scans.examine(with_beams({90: 2.0, 91: 2.1})).nearest == 40.0
+    assert scans.examine(with_beams({90: 2.0, 91: 2.1, 92: 2.2})).nearest == 2.2
+    assert scans.examine(with_beams({90: 2.0, 92: 2.1, 94: 2.2})).nearest == 2.2
 
 
 def test_a_gap_in_a_cluster_does_not_hide_it() -> None:
     """Two of five neighbours may give nothing, whatever nothing looks like."""
     for nothing in (np.nan, 0.0, -1.0, 40.0, np.inf):
         scan = with_beams({88: 3.0, 89: nothing, 90: 3.0, 91: nothing, 92: 3.0})
-        assert ScanFilter(40.0).nearest(scan) == 3.0
+        assert ScanFilter(40.0).examine(scan).nearest == 3.0
 
 
 def test_a_scan_with_too_few_working_beams_is_missing() -> None:
     """A dead sensor gives no clearance at all, rather than a large one."""
     scans = ScanFilter(40.0)
-    assert scans.nearest(np.full(180, np.nan)) is None
-    assert scans.nearest(np.zeros(180)) is None
+    assert scans.examine(np.full(180, np.nan)).nearest is None
+    assert scans.examine(np.zeros(180)).nearest is None
     half = FREE.copy()
     half[:91] = np.nan
-    assert scans.nearest(half) is None
+    assert scans.examine(half).nearest is None
 
 
 def test_lone_stuck_beams_are_ignored_but_never_a_cluster() -> None:
@@ -53,8 +53,8 @@ def test_lone_stuck_beams_are_ignored_but_never_a_cluster() -> None:
     for step in range(12):
         moving = 20.0 + rng.normal(0.0, 0.05, 180)
         pair = {91: 5.0 + rng.normal(0.0, 0.05), 92: 5.0 + rng.normal(0.0, 0.05)}
-        first = lone.nearest(with_beams({90: 1.0, **pair}, moving))
-        second = cluster.nearest(with_beams({90: 1.0, 91: 1.0, 92: 1.0}, moving))
+        first = lone.examine(with_beams({90: 1.0, **pair}, moving)).nearest
+        second = cluster.examine(with_beams({90: 1.0, 91: 1.0, 92: 1.0}, moving)).nearest
         assert first is not None
         assert (first > 15.0) == (step >= 5), "until then it supports the pair"
         assert second == 1.0
@@ -65,35 +65,35 @@ def test_a_still_scene_is_not_a_stuck_sensor() -> None:
     scans = ScanFilter(40.0)
     scene = with_beams({89: 2.0, 90: 2.0, 91: 2.0}, np.full(180, 15.0))
     for _ in range(20):
-        assert scans.nearest(scene) == 2.0
-        assert scans.nearest(scene, speed=0.0) == 2.0
+        assert scans.examine(scene).nearest == 2.0
+        assert scans.examine(scene, speed=0.0).nearest == 2.0
 
 
 def test_a_scan_that_repeats_while_driving_is_dead() -> None:
     """The last scan sent over and over again; it comes back to life with the first new one."""
     scans = ScanFilter(40.0)
     scene = np.linspace(5.0, 20.0, 180)
-    answers = [scans.nearest(scene, speed=5.0) for _ in range(8)]
+    answers = [scans.examine(scene, speed=5.0).nearest for _ in range(8)]
     assert answers[:5] == [pytest.approx(5.0, abs=0.3)] * 5
     assert answers[5:] == [None] * 3
-    assert scans.nearest(scene + 0.01, speed=5.0) is not None
+    assert scans.examine(scene + 0.01, speed=5.0).nearest is not None
     scans.reset()
-    assert scans.nearest(scene, speed=5.0) is not None
+    assert scans.examine(scene, speed=5.0).nearest is not None
 
 
 def test_scans_of_other_lengths_start_afresh_and_short_ones_work() -> None:
     """A sensor may be replaced; a scan shorter than the window is one window."""
     scans = ScanFilter(40.0)
-    assert scans.nearest(np.full(3, 7.0)) == 7.0
-    assert scans.nearest(np.full(1, 6.0)) == 6.0
-    assert scans.nearest(np.full(180, 5.0)) == 5.0
+    assert scans.examine(np.full(3, 7.0)).nearest == 7.0
+    assert scans.examine(np.full(1, 6.0)).nearest == 6.0
+    assert scans.examine(np.full(180, 5.0)).nearest == 5.0
 
 
 @pytest.mark.parametrize("scan", [np.zeros((2, 3)), np.zeros(0), 1.0])
 def test_wrong_shapes_raise(scan: Any) -> None:
     """Naming the argument and the shape."""
     with pytest.raises(InvalidProblem, match="`scan`"):
-        ScanFilter(40.0).nearest(scan)
+        ScanFilter(40.0).examine(scan)
 
 
 def test_beams_spread_evenly_from_the_right_to_the_left() -> None:
