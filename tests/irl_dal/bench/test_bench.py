@@ -12,7 +12,7 @@ from irl_dal.bench.drive import expert_drives, lane_numbers
 from irl_dal.bench.speed import PEERS, compare_speed, parts_table, speed_tables
 from irl_dal.envs import CityConfig
 
-SHORT = CityConfig(route_length=100.0, route_spread=0.0, difficulty="easy")
+SHORT = CityConfig(route_length=80.0, route_spread=0.0, difficulty="easy")
 
 
 def test_lane_numbers_are_those_of_the_errors() -> None:
