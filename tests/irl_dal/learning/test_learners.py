@@ -23,7 +23,7 @@ def test_the_discriminator_sees_both_sides_in_the_same_mixture_of_modes(
     tmp_path: Path, sampling: str
 ) -> None:
     """In balanced sampling the agent's pairs, out of the rollout, are balanced as well."""
-    config = replace(SHORT, imitation_steps=40, mixed_steps=32, sampling=sampling)  # type: ignore[arg-type]
+    config = replace(SHORT, imitation_steps=20, mixed_steps=32, sampling=sampling)  # type: ignore[arg-type]
     pipeline = new_pipeline(tmp_path, config)
     pipeline.run()
     buffer = pipeline.learners.ppo.rollout_buffer

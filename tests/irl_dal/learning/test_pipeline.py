@@ -176,12 +176,15 @@ def test_a_broken_run_goes_on_from_its_last_checkpoint(
     assert steps == [*range(10, end, 10), *([end] if resumed_at else [])]
 
 
+@pytest.mark.slow
 def test_cars_in_processes_of_their_own_drive_the_same_run(
     finished: Pipeline, tmp_path: Path
 ) -> None:
     """Expert and policy, two cars side by side: the same weights as in one process.
 
-    Every random draw comes from the seed, though the global generators are elsewhere.
+    Every random draw comes from the seed, though the global generators are elsewhere. Fast are the
+    same steps from processes (`collection/test_driver_processes`) and a run that leaves the global
+    generators alone (`finished`).
     """
     torch.manual_seed(123)
     np.random.seed(123)
