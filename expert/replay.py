@@ -55,6 +55,7 @@ class ReplayBatch:
     images: NDArray[np.uint8]  # (B, 64, 64, 3) uint8
     lidar: NDArray[np.float32]  # (B, 180) [m]
     speeds: NDArray[np.float32]  # (B, 1) [m/s]
+    contexts: NDArray[np.float32]  # Estimates (B, 64), normalised
     labels: NDArray[np.float32]  # Expert set-points (B, 2), normalised
     commands: NDArray[np.float32]  # Executed commands (B, 2), normalised
     modes: NDArray[np.int8]  # (B,)
@@ -174,7 +175,7 @@ class ReplayBuffer:
 
     def gather(self, slots: Indices) -> ReplayBatch:
         """The transitions at the given places."""
-        names = ("image", "lidar", "speed", "label", "command", "mode", "intervened")
+        names = ("image", "lidar", "speed", "context", "label", "command", "mode", "intervened")
         return ReplayBatch(*(self._data[name][slots] for name in names))
 
     def returns(self, gamma: float) -> tuple[Indices, NDArray[np.float32]]:

@@ -92,7 +92,7 @@ def load_run(
     configuration, or its weights are not finite.
     """
     state = CheckpointStore(run_dir).load().state
-    seen, acted = loop.city.observation_space, loop.city.action_space
+    seen, acted = loop.observation_space, loop.action_space
     assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
     policy = build_policy(seen, acted, config.perception)
     try:

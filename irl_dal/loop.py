@@ -28,6 +28,7 @@ from irl_dal.arrays import Array, Info, Observation
 from irl_dal.envs import CityEnv
 from irl_dal.envs.road import LANES
 from irl_dal.planner import DiffusionPlanner, Plan, PlanningContext
+from irl_dal.planner.context import CONTEXT_SIZE, LARGEST
 from shield import (
     ActuatorLimits,
     Assumptions,
@@ -67,6 +68,7 @@ class Supervision:
 class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any]]):
     """The city with estimation, trigger, planner, blend and shield around it.
 
+    Observations are the city's and `context`, the estimates in 64 numbers (`PlanningContext`).
     The action given to `step` is the *nominal* one, a set-point; what reaches the actuators is in
     `info`:
 
@@ -95,6 +97,9 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         trigger: TriggerConfig,
     ) -> None:
         super().__init__(env)
+        code = gymnasium.spaces.Box(-LARGEST, LARGEST, (CONTEXT_SIZE,), np.float32)
+        seen: Any = self.env.observation_space
+        self.observation_space: Any = gymnasium.spaces.Dict({**seen.spaces, "context": code})
         self.city: CityEnv = _unwrapped(env)
         self.limits: ActuatorLimits = self.city.limits
         self.supervision = supervision
@@ -292,6 +297,7 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             scanner=self._scanner,
             vehicle=self.city.config.vehicle,
         )
+        observation["context"] = self._context.encode()
         label = self.limits.to_action(self._decision.setpoint)
         return {
             "expert": self._decision,

@@ -122,7 +122,7 @@ def _brake_accelerate(loop: ControlLoop, rng: np.random.Generator) -> Driver:
 
 
 def _untrained(loop: ControlLoop, rng: np.random.Generator) -> Driver:
-    seen, acted = loop.city.observation_space, loop.city.action_space
+    seen, acted = loop.observation_space, loop.action_space
     assert isinstance(seen, spaces.Dict)
     with torch.random.fork_rng():
         torch.manual_seed(int(rng.integers(2**31)))

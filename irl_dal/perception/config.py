@@ -21,6 +21,9 @@ class PerceptionConfig:
     normalisation: MaskNormalisation = "bounded"
     initial_alpha: float = 0.5  # First value of alpha_speed and alpha_lidar (Table II)
     exposure: bool = True  # Images are encoded at one brightness (not in the paper)
+    # Filtered estimates (the planner's c_t) enter the fusion: one frame does not show what moves,
+    # nor where the lane was (not in the paper)
+    fuse_context: bool = True
     fuse_speed: bool = True  # K_t also enters the fusion; in the paper only the mask shows it
 
     def __post_init__(self) -> None:

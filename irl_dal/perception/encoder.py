@@ -113,7 +113,7 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
 
     Made for stable-baselines3's `MultiInputPolicy`, whose images arrive channels first and divided
     by 255; the camera's own uint8 (B, 64, 64, 3) is accepted as well. `ValueError` for a space that
-    lacks `image`, `lidar` [m] or `speed` [m/s], or whose image has no three channels.
+    lacks `image`, `lidar` [m], `speed` [m/s] or `context`, or whose image has no three channels.
     """
 
     def __init__(
@@ -121,7 +121,7 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
     ) -> None:
         super().__init__(observation_space, FEATURES)
         self.config = config or PerceptionConfig()
-        image, lidar = _shapes(observation_space)
+        image, lidar, context = _shapes(observation_space)
         height, width = image[1:] if image[0] == 3 else image[:2]
         self.mask = LearnableAdaptiveMask(self.config) if self.config.adaptive_mask else None
         self.image_encoder = ImageEncoder(3 if self.mask is None else 4, height, width)
@@ -129,12 +129,14 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         max_range = float(observation_space["lidar"].high.max())  # type: ignore[attr-defined]
         self.lidar_encoder = LidarEncoder(lidar[0], max_range)
         fused = self.image_encoder.features + LIDAR_FEATURES + int(self.config.fuse_speed)
+        if self.config.fuse_context:
+            fused += context
         self.fusion = nn.Sequential(
             nn.Linear(fused, FUSION_WIDTH), nn.ReLU(), nn.Linear(FUSION_WIDTH, FEATURES), nn.ReLU()
         )
 
     def forward(self, observations: dict[str, Tensor]) -> Tensor:
-        """`image` as `channels_first` takes it, `lidar` (B, n), `speed` (B, 1) to s_t (B, 512)."""
+        """`image` as `channels_first` takes it, vectors (B, n) of the others to s_t (B, 512)."""
         lidar, speed = observations["lidar"], observations["speed"]
         image = channels_first(observations["image"])
         if self.config.exposure:
@@ -143,19 +145,21 @@ class DrivingFeaturesExtractor(BaseFeaturesExtractor):
         parts = [self.image_encoder(image, mask), self.lidar_encoder(lidar)]
         if self.config.fuse_speed:
             parts.append((speed / self.config.max_speed).clamp(0.0, 1.0))
+        if self.config.fuse_context:
+            parts.append(observations["context"])
         return self.fusion(torch.cat(parts, dim=1))
 
 
-def _shapes(space: gymnasium.spaces.Dict) -> tuple[tuple[int, ...], tuple[int, ...]]:
-    """Shapes of image and scan, or a ValueError that says what is missing."""
-    missing = sorted({"image", "lidar", "speed"} - set(space.spaces))
+def _shapes(space: gymnasium.spaces.Dict) -> tuple[tuple[int, ...], tuple[int, ...], int]:
+    """Shapes of image and scan, size of the context, or a ValueError that says what is missing."""
+    missing = sorted({"image", "lidar", "speed", "context"} - set(space.spaces))
     if missing:
         raise ValueError(
-            f"`observation_space` must have image, lidar and speed. Missing {missing}."
+            f"`observation_space` must have image, lidar, speed and context. Missing {missing}."
         )
     image, lidar = space["image"].shape, space["lidar"].shape
     if image is None or len(image) != 3 or 3 not in (image[0], image[2]):
         raise ValueError(f"`observation_space['image']` must have three channels. Got {image}.")
     if lidar is None or len(lidar) != 1 or int(np.prod(lidar)) < 1:
         raise ValueError(f"`observation_space['lidar']` must be a vector. Got shape {lidar}.")
-    return image, lidar
+    return image, lidar, int(np.prod(space["context"].shape or ()))

@@ -17,7 +17,7 @@ HAZARD_SCALE = 3.0  # s_h of Table II [m]
 _SPEED, _STEERING, _OFFSET, _HEADING = 12.0, 0.5, 3.5, 0.3  # [m/s, rad, m, rad]
 _CURVATURE, _CURVATURE_RATE = 0.05, 0.005  # [1/m, 1/m^2]
 _NEAR, _AGE, _RANGE_STD, _OFFSET_STD = 5.0, 1.0, 1.0, 0.5  # [m, s, m, m]
-_LARGEST = 3.0  # Entries are clipped to [-3, 3]: beyond, a network has seen nothing
+LARGEST = 3.0  # Entries are clipped to [-3, 3]: beyond, a network has seen nothing
 # Places of the entries; from 50 on they are unused and zero
 HAZARD, CLEARANCE, CLOSING_SPEED, CLEARANCE_STD, CLEARANCE_VALID = 0, 1, 2, 3, 4
 LATERAL_OFFSET, HEADING_ERROR, CURVATURE, CURVATURE_RATE, LANE_DEVIATION = 5, 6, 7, 8, 9
@@ -114,7 +114,7 @@ class PlanningContext:
             code[CLOSING_SPEED] = self.clearance.closing_speed / _SPEED
             code[CLEARANCE_STD] = self.clearance.std / _RANGE_STD
             code[CLEARANCE_VALID] = 1.0
-        code[LANE_AGE] = min(float(lane.age) / _AGE, _LARGEST)
+        code[LANE_AGE] = min(float(lane.age) / _AGE, LARGEST)
         if lane.valid:
             code[LATERAL_OFFSET] = lane.lateral_offset / _OFFSET
             code[HEADING_ERROR] = lane.heading_error / _HEADING
@@ -137,7 +137,7 @@ class PlanningContext:
         code[SCAN_RETURNS] = returned.mean()
         if returned.any():
             code[NEAREST_BEARING] = scanner.angles[int(np.argmin(ranges))] / (0.5 * math.pi)
-        return np.clip(code, -_LARGEST, _LARGEST).astype(np.float32)
+        return np.clip(code, -LARGEST, LARGEST).astype(np.float32)
 
 
 def _read_only(values: Array) -> Array:

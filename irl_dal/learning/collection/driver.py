@@ -118,7 +118,7 @@ class Driver(gymnasium.Env[Observation, NDArray[Any]]):
             image=self._observation["image"],
             lidar=self._observation["lidar"],
             speed=self._observation["speed"],
-            context=self._info["context"].encode(),
+            context=self._observation["context"],
             label=np.asarray(self._info["expert_action"], np.float32),
             command=np.asarray(info["executed_action"], np.float32),
             mode=Mode(self._info["mode"]),

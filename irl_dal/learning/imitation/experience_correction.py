@@ -47,6 +47,7 @@ def correct_as_printed(
                 "image": driven.image,
                 "lidar": driven.lidar,
                 "speed": driven.speed,
+                "context": driven.context,
             }
             seen, _ = policy.obs_to_tensor(known)
             actions[car] = driven.label

@@ -125,11 +125,12 @@ def build_policy(
 
 
 def observation_tensors(batch: ReplayBatch) -> dict[str, Tensor]:
-    """A replay batch as the policy wants it: images (B, 3, 64, 64), lidar [m], speed [m/s]."""
+    """A replay batch as the policy wants it: images (B, 3, 64, 64), lidar [m], speed [m/s], ..."""
     return {
         "image": torch.from_numpy(batch.images).permute(0, 3, 1, 2),
         "lidar": torch.from_numpy(batch.lidar),
         "speed": torch.from_numpy(batch.speeds),
+        "context": torch.from_numpy(batch.contexts),
     }
 
 

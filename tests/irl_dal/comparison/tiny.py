@@ -42,7 +42,7 @@ def untrained_run(folder: Path, config: RunConfig | None = None) -> Path:
     create_run(folder, config)
     planner = build_planner(config)
     loop = build_loop(config, supervision(config, planner))
-    seen, acted = loop.city.observation_space, loop.city.action_space
+    seen, acted = loop.observation_space, loop.action_space
     loop.close()
     assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
     torch.manual_seed(0)

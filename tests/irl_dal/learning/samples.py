@@ -17,6 +17,7 @@ OBSERVATION_SPACE = spaces.Dict(
         "image": spaces.Box(0, 255, (64, 64, 3), np.uint8),
         "lidar": spaces.Box(0.0, 40.0, (180,), np.float32),
         "speed": spaces.Box(-50.0, 50.0, (1,), np.float32),
+        "context": spaces.Box(-3.0, 3.0, (64,), np.float32),
     }
 )
 
@@ -40,6 +41,7 @@ def observation(rng: np.random.Generator) -> dict[str, NDArray[np.generic]]:
         "image": rng.integers(0, 256, (64, 64, 3), dtype=np.uint8),
         "lidar": scan,
         "speed": rng.uniform(0.0, 12.0, 1).astype(np.float32),
+        "context": rng.normal(0.0, 0.1, 64).astype(np.float32),
     }
 
 
@@ -60,7 +62,7 @@ def filled_replay(
                 image=seen["image"],
                 lidar=seen["lidar"],
                 speed=seen["speed"],
-                context=rng.normal(size=64).astype(np.float32),
+                context=seen["context"],
                 label=label(seen),
                 command=0.8 * label(seen),
                 mode=Mode(number % 4),
@@ -94,7 +96,7 @@ def record(
         image=seen["image"],
         lidar=seen["lidar"],
         speed=seen["speed"],
-        context=np.zeros(64, np.float32),
+        context=seen["context"],
         label=label(seen),
         command=np.full(2, executed, np.float32),
         mode=Mode.LANE_FOLLOWING,

@@ -291,7 +291,7 @@ def test_a_rollout_holds_what_each_car_drove(
     buffer = ppo.rollout_buffer
     assert pipeline.step == 141 and buffer.full
     stored = pipeline.replay.export_since(0)
-    for key in ("lidar", "speed"):
+    for key in ("lidar", "speed", "context"):
         assert np.array_equal(buffer.observations[key].reshape(140, -1), stored[key])
     assert np.array_equal(buffer.executed_actions.reshape(140, 2), stored["command"])
     starts = np.flatnonzero(buffer.episode_starts[:, 0])

@@ -16,6 +16,7 @@ def observation_space() -> spaces.Dict:
             "image": spaces.Box(0, 255, (64, 64, 3), np.uint8),
             "lidar": spaces.Box(0.0, 40.0, (180,), np.float32),
             "speed": spaces.Box(-2.0, 20.0, (1,), np.float32),
+            "context": spaces.Box(-3.0, 3.0, (64,), np.float32),
         }
     )
 
@@ -27,6 +28,7 @@ def observations(batch: int = 4) -> dict[str, torch.Tensor]:
         "image": torch.rand(batch, 3, 64, 64, generator=generator),
         "lidar": 40 * torch.rand(batch, 180, generator=generator),
         "speed": 12 * torch.rand(batch, 1, generator=generator),
+        "context": torch.rand(batch, 64, generator=generator),
     }
 
 
@@ -158,3 +160,12 @@ def test_the_mask_is_a_fourth_channel() -> None:
         strict=True,
     ):
         assert torch.allclose(one, two, atol=1e-10)
+
+
+@pytest.mark.parametrize("fused", [True, False])
+def test_the_estimates_enter_the_fusion_where_they_are_asked_for(fused: bool) -> None:
+    """What the context says changes the features, or nothing."""
+    encoder = DrivingFeaturesExtractor(observation_space(), PerceptionConfig(fuse_context=fused))
+    seen = observations()
+    other = {**seen, "context": 1.0 - seen["context"]}
+    assert torch.equal(encoder(seen), encoder(other)) != fused

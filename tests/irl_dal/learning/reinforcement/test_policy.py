@@ -64,6 +64,7 @@ def test_the_citys_own_observation_and_a_replay_batch_mean_the_same() -> None:
         "image": torch.from_numpy(seen["image"]).permute(2, 0, 1)[None],
         "lidar": torch.from_numpy(seen["lidar"])[None],
         "speed": torch.from_numpy(seen["speed"])[None],
+        "context": torch.from_numpy(seen["context"])[None],
     }
     with torch.no_grad():
         mean = mean_action(policy, tensors)[0].clamp(-1.0, 1.0).numpy()
