@@ -97,10 +97,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         trigger: TriggerConfig,
     ) -> None:
         super().__init__(env)
+        self.city: CityEnv = _unwrapped(env)
         code = gymnasium.spaces.Box(-LARGEST, LARGEST, (CONTEXT_SIZE,), np.float32)
         seen: Any = self.env.observation_space
         self.observation_space: Any = gymnasium.spaces.Dict({**seen.spaces, "context": code})
-        self.city: CityEnv = _unwrapped(env)
         self.limits: ActuatorLimits = self.city.limits
         self.supervision = supervision
         self._expert = expert

@@ -53,7 +53,7 @@ class Corridor:
         cos, sin = math.cos(heading), math.sin(heading)
         ahead = cos * points[:, 0] - sin * points[:, 1]
         aside = offset + sin * points[:, 0] + cos * points[:, 1]
-        bend = curvature + 0.5 * rate * ahead
+        bend = curvature + rate * ahead / 3.0  # the circle that a clothoid's offset is that of
         bend = np.where(np.abs(bend) < STRAIGHT, STRAIGHT, bend)
         along, across = bend * ahead, 1.0 - bend * aside
         return np.arctan2(along, across) / bend, (1.0 - np.hypot(along, across)) / bend
