@@ -123,7 +123,7 @@ def _brake_accelerate(loop: ControlLoop, rng: np.random.Generator) -> Driver:
 
 def _untrained(loop: ControlLoop, rng: np.random.Generator) -> Driver:
     seen, acted = loop.observation_space, loop.action_space
-    assert isinstance(seen, spaces.Dict)
+    assert isinstance(seen, spaces.Dict) and isinstance(acted, spaces.Box)
     with torch.random.fork_rng():
         torch.manual_seed(int(rng.integers(2**31)))
         agent = PolicyAgent(build_policy(seen, acted, RunConfig().perception))
