@@ -1,12 +1,13 @@
 """One control step, from the sensors to the actuators.
 
-    CityEnv ── camera, LiDAR, speed ──► estimation ──► trigger ───────────┐
-       ▲                                    │                             ▼ risky
-       │                        policy ─────┴─► nominal action       planner: denoise,
-       │                                              │              guide, project
-       │                                              ▼                   │
-       │                                            blend ◄───────────────┘
-       │                                              │ set-point
+    CityEnv ── camera, LiDAR, speed ──► estimation: lane, clearance, world
+       ▲                                    │
+       │                                 policy
+       │                                    │ nominal action
+       │                                    ├──► trigger: where would it lead? ─ risky ─┐
+       │                                    ▼                                           ▼
+       │                                  blend ◄───────────── planner: denoise, guide, project
+       │                                    │ set-point
        └── actuators ◄── SHIELD ◄── command ── set-point follower
 
 Expert, policy and blend give set-points, which the one follower makes commands. The shield is
