@@ -2,8 +2,7 @@
 
     CityEnv ── camera, LiDAR, speed ──► estimation: lane, clearance, world
        ▲                                    │
-       │                                 policy
-       │                                    │ nominal action
+       │                                 policy: nominal action
        │                                    ├──► trigger: where would it lead? ─ risky ─┐
        │                                    ▼                                           ▼
        │                                  blend ◄───────────── planner: denoise, guide, project
