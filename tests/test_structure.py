@@ -11,7 +11,7 @@ MAX_FILE = 400
 MAX_FUNCTION = 40
 """Lines of code of a function, without docstring, comments and blank lines."""
 
-MAX_TOTAL = 21_457
+MAX_TOTAL = 21_477
 """Lines of all three packages together."""
 
 SOURCES = sorted(

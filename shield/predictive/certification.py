@@ -14,7 +14,7 @@ import numpy as np
 from shield.errors import Array, Mask
 from shield.predictive.assumptions import Assumptions
 from shield.predictive.backups import REST, Motions
-from shield.predictive.threats import Threats
+from shield.predictive.threats import WALKING, Threats
 from shield.vehicle import VehicleGeometry
 from shield.world.world import Index, Kind, World
 
@@ -30,6 +30,7 @@ PART = 512  # pairs of a period and a threat that are checked before motions whi
 # Ahead of the bumper, in lengths of the car, that a car which stops needs to steer free; and beside
 # the body [m]
 STANDING_ROOM, STANDING_MARGIN = 0.55, 0.2
+CROSSING = np.arange(0.0, 2.1, 0.5)  # [s] after the stop at which who walks must not be in there
 
 
 class _Pairs(NamedTuple):
@@ -90,7 +91,7 @@ class Certification:
         x, y, yaw = (values[rows, :last] for values in (motions.x, motions.y, motions.yaw))
         clear = self._keep_clear(x, y, yaw)
         if roomy:
-            clear &= ~self._cramped(x[:, -1], y[:, -1], yaw[:, -1])
+            clear &= ~self._cramped(x[:, -1], y[:, -1], yaw[:, -1], self._dt * last)
         certified[rows] = clear
         if abs(self._world.speed) < REST:  # a car that stands, and goes on standing, may steer
             certified |= (motions.commands[..., 1] == 0.0).all(axis=1)
@@ -155,6 +156,15 @@ class Certification:
         """By how much motions (b, N) are too near in each pair (b, m) [m], negative if not."""
         x, y, yaw = (values[:, pairs.periods] for values in (x, y, yaw))
         return pairs.needed - self._clearance(x, y, yaw, pairs.x, pairs.y, pairs.radius)
+
+    @cached_property
+    def _walking(self) -> Mask:
+        """Which threats are people who walk (n,)."""
+        threats, kinds = self.threats, self._world.obstacles.kind
+        person = np.zeros(len(threats.source), np.bool_)
+        known = threats.source >= 0
+        person[known] = kinds[threats.source[known]] == Kind.PERSON
+        return person & (np.hypot(*threats.velocity.T) > WALKING)
 
     @cached_property
     def _clear_now(self) -> Array:
@@ -243,9 +253,19 @@ class Certification:
             apart = np.minimum(apart, from_scanner - self._scanner_clearance + self._margin)
         return np.asarray(apart)
 
-    def _cramped(self, x: Array, y: Array, yaw: Array) -> Mask:
-        """Whether something stands right before the bumper of cars at rest (B,)."""
-        px, py = self.threats.points.T
+    def _cramped(self, x: Array, y: Array, yaw: Array, when: float) -> Mask:
+        """Whether something stands right before the bumper of cars at rest from `when` on (B,).
+
+        Or walks there: who crosses keeps the distance that the car has left.
+        """
+        walking = self._walking
+        px, py = np.concatenate(
+            [
+                self.threats.points.T,
+                np.stack(self.threats.centres(when + CROSSING))[:, :, walking].reshape(2, -1),
+            ],
+            axis=1,
+        )
         cos, sin = np.cos(yaw)[:, None], np.sin(yaw)[:, None]
         dx, dy = px - x[:, None], py - y[:, None]
         ahead = cos * dx + sin * dy - self._vehicle.front_bumper
