@@ -164,7 +164,7 @@ class Certification:
         person = np.zeros(len(threats.source), np.bool_)
         known = threats.source >= 0
         person[known] = kinds[threats.source[known]] == Kind.PERSON
-        return person & (np.hypot(*threats.velocity.T) > WALKING)
+        return np.asarray(person & (np.hypot(*threats.velocity.T) > WALKING))
 
     @cached_property
     def _clear_now(self) -> Array:
