@@ -161,18 +161,19 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """Drive one step from a normalised nominal action (2,), the set-point."""
         nominal = np.clip(np.asarray(action, dtype=np.float64), -1.0, 1.0)
         setpoint, planner = self.limits.to_command(nominal), self.supervision.planner
-        own = command = self.follow(setpoint)
-        self._risk = self._judge(setpoint)
+        commands = self._approach(setpoint, HORIZON)
+        own = command = commands[0]
+        self._risk = self._judge(commands)
         plan, weight = (None, 0.0) if planner is None else self._plan(planner)
         sources = {"policy": own}
         if planner is not None and plan is not None:
-            setpoint = self._blend(planner, plan, setpoint, weight)
-            command = self.follow(setpoint)
+            command = self.follow(self._blend(planner, plan, setpoint, weight))
+            commands = plan.actions
             if self.supervision.safety_filter is None and planner.config.projection == "none":
                 # Nothing at all keeps a plan within bounds: that is what is compared.
                 command = planner.blend.blend(plan.actions[0], own, weight)
             sources |= {"planner": plan.actions[0], "blend": command}
-        return self._execute(nominal, command, sources, setpoint, plan, weight)
+        return self._execute(nominal, command, sources, commands, plan, weight)
 
     def step_expert(
         self, disturbance: Array | None = None
@@ -184,10 +185,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         setpoint = self._decision.setpoint
         if disturbance is not None:
             setpoint = np.clip(setpoint + disturbance, self.limits.low, self.limits.high)
-        command = self.follow(setpoint)
-        self._risk = self._judge(setpoint)
-        action = self.limits.to_action(setpoint)
-        return self._execute(action, command, {"expert": command}, setpoint)
+        commands = self._approach(setpoint, HORIZON)
+        self._risk = self._judge(commands)
+        action, command = self.limits.to_action(setpoint), commands[0]
+        return self._execute(action, command, {"expert": command}, commands)
 
     def step_command(self, command: Array) -> tuple[Observation, float, bool, bool, Info]:
         """Drive one step with a command (2,) [rad, m/s] past planner and follower."""
@@ -198,11 +199,10 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         """The command (2,) with which the follower goes on to a set-point (2,) [rad, m/s]."""
         return self._follower.follow(setpoint, self._previous, self._before)
 
-    def _judge(self, setpoint: Array | None) -> Risk:
-        """Whether going to a set-point is risky; without one only what is known counts."""
+    def _judge(self, commands: Array | None) -> Risk:
+        """Whether commands (H, 2) are risky; without any only what is known counts."""
         needs_shield = False
-        if setpoint is not None and self._trigger.config.form == "predicted":
-            commands = self._approach(setpoint, HORIZON)
+        if commands is not None and self._trigger.config.form == "predicted":
             needs_shield = bool(self._outlook.refusal(self.world, commands, self._previous))
         speed = self._context.speed
         return self._trigger.update(self._distance, self._context.lane, speed, needs_shield)
@@ -238,15 +238,18 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
         action: Array,
         command: Array,
         sources: dict[str, Array],
-        setpoint: Array | None = None,
+        horizon: Array | None = None,
         plan: Plan | None = None,
         weight: float = 0.0,
     ) -> tuple[Observation, float, bool, bool, Info]:
-        """Shield the command, drive it and assess the state that follows."""
+        """Shield the command, drive it and assess the state that follows.
+
+        `horizon` (H, 2) is what is to follow, as far as it is known.
+        """
         certificate: Certificate | None = None
         shield, executed = self.supervision.safety_filter, command
         if shield is not None:
-            certificate = shield.filter(executed, plan=self._horizon(plan, setpoint))
+            certificate = shield.filter(executed, plan=horizon)
             executed = certificate.safe_action
         before, self._previous = self._previous, np.array(executed, dtype=np.float64)
         # What the shield changed is not gone on with: the follower sets out from there.
@@ -308,12 +311,6 @@ class ControlLoop(gymnasium.Wrapper[Observation, Array, Observation, NDArray[Any
             "clearance_estimate": self._distance,
             "context": self._context,
         }
-
-    def _horizon(self, plan: Plan | None, setpoint: Array | None) -> Array | None:
-        """The commands (H, 2) that are to follow, as far as they are known."""
-        if plan is not None:
-            return plan.actions
-        return None if setpoint is None else self._approach(setpoint, HORIZON)
 
     def _approach(self, setpoint: Array, horizon: int) -> Array:
         """The commands (horizon, 2) that follow a set-point (2,) [rad, m/s] from here."""

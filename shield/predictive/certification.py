@@ -30,7 +30,7 @@ PART = 512  # pairs of a period and a threat that are checked before motions whi
 # Ahead of the bumper, in lengths of the car, that a car which stops needs to steer free; and beside
 # the body [m]
 STANDING_ROOM, STANDING_MARGIN = 0.55, 0.2
-CROSSING = np.arange(0.0, 2.1, 0.5)  # [s] after the stop at which who walks must not be in there
+CROSSING = np.arange(0.0, 2.1, 0.5)  # [s] after the stop for which no walker may be in it
 
 
 class _Pairs(NamedTuple):
@@ -256,7 +256,7 @@ class Certification:
     def _cramped(self, x: Array, y: Array, yaw: Array, when: float) -> Mask:
         """Whether something stands right before the bumper of cars at rest from `when` on (B,).
 
-        Or walks there: who crosses keeps the distance that the car has left.
+        Or will walk there: a person who crosses keeps the distance that the car has left.
         """
         walking = self._walking
         px, py = np.concatenate(

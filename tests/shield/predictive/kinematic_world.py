@@ -17,7 +17,7 @@ SUBSTEPS = 4  # instants of a period at which contacts are tested
 MOVING = 0.1  # [m/s] a slower car is at rest
 LANE_STD, LANE_NOISE = 0.03, 0.06  # [m] stated, and the largest there is
 RANGE_NOISE = 0.05  # [m] largest error of a range
-THROUGH = 10  # periods for which nobody can know who has walked through something solid
+THROUGH = 10  # periods for which a person who walked through something solid is not known
 REMEMBERED = 40  # periods for which the shield remembers a person whom no beam hits (A8)
 
 Driver = Callable[["KinematicWorld", int], Array]

@@ -14,7 +14,7 @@ ROOM = 1.5  # [m] from the bumper to the person's path
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 @pytest.mark.parametrize("distance", [20.0, 24.0, 30.0])
-def test_who_crosses_is_not_brushed_past(side: float, distance: float) -> None:
+def test_a_person_who_crosses_is_not_brushed_past(side: float, distance: float) -> None:
     """However the driver goes on: while the person is ahead there is room to the bumper."""
     person = Thing(distance, 3.5 * side, 0.5, motion=Walk([(0.0, -1.2 * side)]))
     world = KinematicWorld([person], speed=6.0)

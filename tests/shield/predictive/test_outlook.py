@@ -45,7 +45,7 @@ def test_a_wall_is_foreseen_where_going_on_leaves_no_room_to_stop(
     assert reason.startswith(foreseen) and bool(reason) == bool(foreseen)
 
 
-def test_who_brakes_needs_no_shield() -> None:
+def test_a_driver_that_brakes_needs_no_shield() -> None:
     """Before the same wall, where going on would need it."""
     world = seen([Thing(16.0, 1.75, 12.0, 0.5)], 6.0)
     braking = np.stack([np.zeros(PERIODS), 6.0 - 0.5 * np.arange(1, PERIODS + 1)], axis=1)

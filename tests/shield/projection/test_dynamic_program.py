@@ -39,7 +39,7 @@ def vehicle_problems(draw: st.DrawFn) -> Problem:
     return limits, draw(horizons(limits, draw(st.sampled_from([1, 8, 20])), previous)), previous
 
 
-@two_tiers(fast=250, problem=vehicle_problems())
+@two_tiers(problem=vehicle_problems())
 def test_the_projection_is_the_exact_optimum(problem: Problem) -> None:
     """The same objective as the dynamic program to 1e-6, and the same commands to 1e-3 steps."""
     limits, nominal, previous = problem

@@ -11,7 +11,7 @@ from tests.shield.strategies import CITY, LINEAR, Array, linear_problems, projec
 from tests.shield.tiers import two_tiers
 
 
-@two_tiers(fast=150, problem=linear_problems())
+@two_tiers(problem=linear_problems())
 def test_g1_and_g2_are_within_1e_6_of_the_best_of_the_independent_solvers(
     problem: tuple[ActuatorLimits, Array, Array],
 ) -> None:

@@ -282,11 +282,7 @@ def test_any_horizon_length_works(horizon: int, rng: np.random.Generator) -> Non
     assert broken_bounds(CITY, got.actions, GENTLE) == []
 
 
-@two_tiers(
-    fast=200,
-    start=st.floats(0.0, 12.0),
-    wish=st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8),
-)
+@two_tiers(start=st.floats(0.0, 12.0), wish=st.lists(st.floats(-1.0, 1.0), min_size=8, max_size=8))
 def test_projection_is_idempotent(start: float, wish: list[float]) -> None:
     """An answer is admissible, so asking again changes nothing, not even the last bit."""
     previous = np.array([0.0, start])

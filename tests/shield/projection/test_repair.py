@@ -26,7 +26,7 @@ def test_from_an_admissible_command_the_repair_has_an_exact_answer(problem: Prob
     assert again.commands == got.commands, "admissible horizons must pass bit by bit"
 
 
-@two_tiers(fast=250, problem=problems())
+@two_tiers(problem=problems())
 def test_holding_or_slowing_keeps_the_steering_window_open(problem: Problem) -> None:
     """From an admissible command, the same steering at the same or a lower speed is admissible."""
     limits, _, previous = problem
@@ -40,7 +40,7 @@ def test_holding_or_slowing_keeps_the_steering_window_open(problem: Problem) -> 
     assert broken_bounds(limits, actions, previous) == []
 
 
-@two_tiers(fast=250, data=st.data())
+@two_tiers(data=st.data())
 def test_the_check_agrees_with_exact_arithmetic(data: st.DataObject) -> None:
     """`is_admissible` and `worst_excess` on horizons that keep or break any bound."""
     limits = data.draw(vehicles())
@@ -52,7 +52,7 @@ def test_the_check_agrees_with_exact_arithmetic(data: st.DataObject) -> None:
     assert (worst_excess(limits, flat, *previous.tolist()) > 0.0) == bool(broken)
 
 
-@two_tiers(fast=250, data=st.data())
+@two_tiers(data=st.data())
 def test_from_an_inadmissible_command_the_rest_is_approached_at_full_rate(
     data: st.DataObject,
 ) -> None:
